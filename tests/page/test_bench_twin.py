@@ -25,6 +25,7 @@ from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.stops import SquareStop
 from holoview.light.model.system import System
 from holoview.viewer.page.frame_recording import bench_numbers
+from holoview.viewer.page.page import FIRST_SCRIPTS, SCRIPTS
 from tests.chromium import needs_chromium, started_browser
 
 BENCHES, MORE_BENCHES = 60, 3000
@@ -151,7 +152,7 @@ def test_the_pages_numbers_are_those_of_the_plan(count: int) -> None:
                 done += 1
 
 
-@pytest.mark.parametrize("name", ["replay.js", "open.js", "bench.js", "measure.js", "hologram.js", "page.js"])
+@pytest.mark.parametrize("name", [*FIRST_SCRIPTS, *SCRIPTS])
 def test_scripts_load_nothing(name: str) -> None:
     text = (FOLDER / name).read_text(encoding="utf-8")
     assert not [

@@ -20,11 +20,11 @@ def hologram() -> hv.Hologram:
 def test_a_link_changes_the_bench_and_tells_the_plane(hologram: hv.Hologram) -> None:
     state = (
         "plane=9.7mm&gap=2.1mm&laser3=off&power1=0.5&wavelength8=640nm&laser2.1=off"
-        "&pupil=4mm&pupil_x=-1mm&chromatic=off&view=target"
+        "&pupil=4mm&pupil_x=-1mm&chromatic=off&region=3,2,10,8&view=wipe-target&split=0.3"
     )
     shown = shown_by_link(hologram, state)
     system = shown.hologram.system
-    assert shown.plane_m == pytest.approx(9.7e-3)
+    assert shown.plane_m == pytest.approx(9.7e-3) and shown.region == (3, 2, 10, 8)
     assert system.gap_m == pytest.approx(2.1e-3)
     expected = hologram.system.amplitudes * np.array([0.5, 1, 0, 1, 1, 1, 1, 1])
     assert np.array_equal(system.amplitudes, expected)
@@ -55,6 +55,10 @@ def test_an_empty_state_changes_nothing(hologram: hv.Hologram) -> None:
         "gap=1kg",
         "x=1",
         "power2=-1",
+        "region=1,2,3",
+        "region=1,2,3,0",
+        "region=-1,2,3,4",
+        "region=all",
     ],
 )
 def test_what_is_not_understood_gets_a_sentence(hologram: hv.Hologram, state: str) -> None:

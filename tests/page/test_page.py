@@ -235,6 +235,99 @@ def test_a_state_that_cannot_be_gets_a_sentence(browser: Browser, written: Writt
 
 
 @needs_chromium
+@pytest.mark.parametrize(
+    ("link", "says"),
+    [
+        ("#plane=9.7", "a length with its unit"),
+        ("#plane=1kg", "a length with its unit"),
+        ("#plane=9mm&laser12=off", "a laser that the hologram has"),
+        ("#laser2=maybe", "on or off"),
+        ("#region=1,2,3", "region=x,y,width,height"),
+        ("#region=100,0,60,20", "samples inside the image"),
+        ("#view=hologram-7", "hologram 1, hologram 2"),
+        ("#constructor=1", "one of plane, gap"),
+        ("#plane=%", "a length with its unit"),
+        ("#nonsense", "for example #plane=9.7mm"),
+        ("#plane=1m", "metres from"),
+    ],
+)
+def test_a_link_that_cannot_be_followed_says_so(browser: Browser, written: Written, link: str, says: str) -> None:
+    """It stays said when the image is there, until the reader changes something: then the address is right again."""
+    page = open_page(browser, written.page, link)
+    note = page.locator("#link-note")
+    page_pixels(page)
+    assert note.inner_text().startswith("This link can't be followed: ") and says in note.inner_text()
+    assert page.evaluate("() => window.holoview.state.plane_m") == pytest.approx(10e-3)
+    page.locator("#image").focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("() => location.hash.startsWith('#plane=10.04mm')")
+    assert note.inner_text() == ""
+    page.evaluate(f"() => {{ location.hash = {link!r} }}")
+    page.wait_for_function("() => document.getElementById('link-note').textContent !== ''")
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_the_measured_region_is_in_the_link(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.page, "#region=10,20,40,30")
+    assert page.evaluate("() => window.holoview.state.region") == {"x": 10, "y": 20, "width": 40, "height": 30}
+    page.wait_for_function("() => document.getElementById('region').textContent.startsWith('In the region')")
+    page.locator("#image").click(position={"x": 200, "y": 200})  # a click without a drag measures the whole image
+    page.wait_for_function("() => location.hash.includes('region=none')")
+    other = open_page(browser, written.page, page.evaluate("() => location.hash"))
+    other.wait_for_function("() => document.getElementById('region').textContent.startsWith('In the whole image')")
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_what_is_measured_prints_and_keys_stay(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.page, "#plane=9.7mm&laser3=off&power1=0.5&region=10,20,40,30")
+    page.wait_for_function("() => document.getElementById('region').textContent.startsWith('In the region')")
+    page.wait_for_function("() => !document.getElementById('region').classList.contains('old')")
+    measured = page.inner_text("#region")
+    assert not page.is_visible("#summary")
+    page.emulate_media(media="print")
+    printed = page.inner_text("body")
+    assert page.is_visible("#summary") and not page.is_visible("#controls") and page.is_visible("footer kbd >> nth=0")
+    state = "#plane=9.7mm&laser3=off&power1=0.5&region=10,20,40,30"
+    for text in ("9.700 mm", "1: 460.0 nm 50 %", "nm off", "x 10, y 20, 40 × 30 samples", measured, state):
+        assert text in printed
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_without_webgpu_all_holograms_are_seen_and_nothing_is_said_to_be_computed(
+    browser: Browser, written: Written
+) -> None:
+    with browser.another() as plain:
+        page = plain.open(written.page.as_uri() + "#plane=9.1mm&view=hologram-2&laser2=off", 900, 800)
+        page.evaluate("() => window.holoview.ready.catch(() => {})")
+        assert "has to be computed" in page.inner_text("#link-note")
+        said = page.inner_text("body")
+        assert "computed here" not in said and "Computed in this browser" not in said
+        assert "in the file; not computed again here" in said and "rendered when the file was written" in said
+        pictures = {}
+        for name in ("two", "one </script><b>", "Target"):
+            page.locator("#views button", has_text=name).click()
+            assert page.locator("#views [aria-checked=true]").inner_text() == name
+            pictures[name] = page.get_attribute("#stored", "src")
+            assert page.get_attribute("#stored", "alt") == f"{name} at 9.000 mm, rendered before"
+        assert len(set(pictures.values())) == 3
+        assert page.locator("#views button").count() == 3, "a wipe has to be computed"
+        assert plain.close_pages() == []
+
+
+@needs_chromium
+def test_controls_are_large_enough_for_fingers(browser: Browser, written: Written) -> None:
+    """WCAG 2.2, target size: 24 by 24 CSS pixels."""
+    page = open_page(browser, written.eye_page, "", 390, 800)
+    boxes = "all => all.map(each => each.getBoundingClientRect()).map(box => [box.width, box.height])"
+    sizes = [size for size in page.eval_on_selector_all("button, input", boxes) if size[0] > 0]
+    assert len(sizes) > 20 and min(min(size) for size in sizes) >= 24
+    assert browser.close_pages() == []
+
+
+@needs_chromium
 def test_without_webgpu_there_are_pictures_and_a_word_why(browser: Browser, written: Written) -> None:
     with browser.another() as plain:
         page = plain.open(written.page.as_uri(), 900, 800)

@@ -35,6 +35,7 @@ from holoview.light.colour import srgb_decode
 from holoview.light.model import preset
 from holoview.light.model.focus import PupilPath
 from holoview.light.model.system import System
+from holoview.light.numerics.sampling import Region
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir, expand_home, opened_file, read_text
 from holoview.util.progress import StepCallback
@@ -203,6 +204,8 @@ class FileLoader:
         view_settings = session.view_settings if is_preset else session.document.view_settings_for_picture
         if content.plane_m is not None:
             view_settings = view_settings.with_(plane_m=content.plane_m)
+        if content.region is not None:
+            view_settings = view_settings.with_(region=content.region)
         target_spec = None if has_example_target(session) and not is_preset else session.target_spec
         if system.is_field != session.system.is_field:
             target_spec = None
@@ -327,6 +330,7 @@ class FileContent:
 
     kind: "hologram", "page", "preset", "patterns", "picture", "stack", "pupil path" or "field".
     plane_m: the focal plane that it is to be shown at; None for that of the viewer.
+    region: the measured region that it is to be shown with; None likewise.
     recorded: the recording that a field is cut out of.
     """
 
@@ -338,6 +342,7 @@ class FileContent:
     pupil_path: PupilPath | None = None
     path: Path | None = None
     plane_m: float | None = None
+    region: Region | None = None
     notes: tuple[str, ...] = field(default=())
     recorded: Recorded | None = None
 
@@ -437,7 +442,9 @@ def _page(path: Path, state: str) -> FileContent:
     shown = shown_by_link(hologram, state)
     notes = (f"{name}, the first of {1 + len(others)} holograms",) if others else ()
     bench, drive = shown.hologram.system, shown.hologram.drive
-    return FileContent("page", path.name, bench, drive, path=path, plane_m=shown.plane_m, notes=notes)
+    return FileContent(
+        "page", path.name, bench, drive, path=path, plane_m=shown.plane_m, region=shown.region, notes=notes
+    )
 
 
 def _refuse_toml_suffix(path: Path) -> Path:

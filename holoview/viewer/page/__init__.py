@@ -10,5 +10,6 @@ open.js       opens the device and compiles while the rest of the file is read
 bench.js      the numbers that change with a slider: the twin of the plan
 measure.js    speckle contrast and PSNR
 hologram.js   what of a frame is stale after a change
+link.js       the state of the page as the end of its address
 page.js       what a reader changes and sees; page.html and page.css are its layout
 """

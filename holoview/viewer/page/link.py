@@ -6,7 +6,8 @@ power3, wavelength3         factor on its power, and its wavelength
 laser2.3=off                the third laser of the second hologram, which isn't opened
 pupil, pupil_x, pupil_y     diameter and place of the eye's pupil
 chromatic                   off: the eye has no chromatic aberration
-exposure, view              how the page shows it: no part of a hologram
+region                      x,y,width,height of the measured region in samples, or none
+exposure, view, split       how the page shows it: no part of a hologram
 """
 
 from __future__ import annotations
@@ -19,22 +20,27 @@ from urllib.parse import unquote
 
 from holoview.holograms.hologram import Hologram
 from holoview.light.model.focus import parse_plane, required_eye
+from holoview.light.numerics.sampling import Region
 from holoview.util import units
 from holoview.util.errors import UserError
 
 _OF_LASERS = ("laser", "power", "wavelength")
 _LONGEST = 4096  # characters of a state; a page with 64 lasers, all of them changed, writes 3 000
 _EXPECTED = "for example #plane=9.7mm&gap=2.1mm&laser3=off"
-_SHOWN_ONLY = ("exposure", "view")
+_SHOWN_ONLY = ("exposure", "view", "split")
 _EYE_KEYS = {"pupil": "pupil", "pupil_x": "pupil_x", "pupil_y": "pupil_y"}
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A hologram as a page shows it: with its bench changed, and the focal plane in m; None where the link has none."""
+    """A hologram as a page shows it: with its bench changed, the focal plane in m, the measured region.
+
+    None where the link has none.
+    """
 
     hologram: Hologram
     plane_m: float | None
+    region: Region | None = None
 
 
 def split_link(name: str | Path) -> tuple[Path, str]:
@@ -52,7 +58,7 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
     """A hologram with the state of a link applied. Raises UserError for what isn't understood or can't be."""
     if len(state) > _LONGEST:
         raise UserError("link", f"{len(state)} characters", expected=f"at most {_LONGEST}, {_EXPECTED}")
-    system, plane_m = hologram.system, None
+    system, plane_m, region = hologram.system, None, None
     amplitudes, wavelengths = system.amplitudes.copy(), system.wavelengths_m.copy()
     edits: dict[str, Any] = {}
     for part in filter(None, unquote(state).split("&")):
@@ -73,6 +79,8 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
                 wavelengths[column] = units.parse(value, part)
         elif name == "plane":
             plane_m = parse_plane(system, value, part)
+        elif name == "region":
+            region = _region(part, value)
         elif name == "gap":
             edits["gap"] = value
         elif name in _EYE_KEYS:
@@ -84,7 +92,7 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
         elif name not in _SHOWN_ONLY:
             raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
     lasers = {"wavelengths": wavelengths, "amplitudes": amplitudes}
-    return Shown(Hologram(hologram.drive, system.edit(edits | lasers)), plane_m)
+    return Shown(Hologram(hologram.drive, system.edit(edits | lasers)), plane_m, region)
 
 
 def _is_of_another(number: str) -> bool:
@@ -98,6 +106,19 @@ def _laser(part: str, number: str, count: int) -> int:
     if not (0 < len(number) < 5 and number.isdecimal() and 1 <= int(number) <= count):
         raise UserError("link", f'"{part[:40]}"', expected=f"a laser from 1 to {count}")
     return int(number) - 1
+
+
+def _region(part: str, text: str) -> Region | None:
+    """The region of a link in samples; None for "none"."""
+    if text == "none":
+        return None
+    numbers = text.split(",")
+    if len(numbers) != 4 or not all(each.isdecimal() and len(each) < 7 for each in numbers):
+        raise UserError("link", f'"{part[:40]}"', expected="region=x,y,width,height in samples, or none")
+    x, y, width, height = map(int, numbers)
+    if min(width, height) < 1:
+        raise UserError("link", f'"{part[:40]}"', expected="a region of at least one sample")
+    return x, y, width, height
 
 
 def _factor(part: str, text: str) -> float:

@@ -3,6 +3,7 @@
 const PAGE = JSON.parse($("holoview-page").textContent)
 const WHOLE_MM = metres => `${(metres * 1e3).toPrecision(4)} mm`
 const SVG = "http://www.w3.org/2000/svg"
+const NOT_HELD = "at this wavelength light passes the stops that the recorded kernels don't compute: move it less."
 const QUICK = "Quick image; the exact one follows …"
 
 // --- state ------------------------------------------------------------------------------------------------------------
@@ -14,6 +15,7 @@ function firstState(bench) {
         exposure: PAGE.exposure,
         ...firstLasers(bench),
         eye: bench.eye && { ...bench.eye },
+        region: PAGE.region,
         view: "hologram 1",
         split: 0.5,
         others: Object.fromEntries(PAGE.holograms.flatMap((each, i) => (isOwn(i) ? [[i + 1, firstLasers(each.bench)]] : []))),
@@ -31,6 +33,12 @@ const isOwn = index => String(PAGE.holograms[index].bench.nominal_wavelengths_m)
 
 // The lasers in a state that light a hologram.
 const lasersOf = (state, index) => state.others[index + 1] ?? state
+
+// Whether a region lies inside the image.
+function isInside({ x, y, width, height }) {
+    return [x, y, width, height].every(Number.isInteger) && x >= 0 && y >= 0 && width >= 1 && height >= 1 &&
+        x + width <= PAGE.shape[1] && y + height <= PAGE.shape[0]
+}
 
 // Rules for lasers: whether a value can be, and what was expected.
 function laserRules(bench) {
@@ -61,6 +69,7 @@ function changed(state, bench, changes) {
         ...laserRules(bench),
         others: [value => isObject(value) && Object.entries(value).every(isOther),
             `lasers, powers or wavelengths_m of holograms with lasers of their own: ${Object.keys(state.others).join(", ") || "none here"}`],
+        region: [value => value === null || (isObject(value) && isInside(value)), `samples inside the image: {x, y, width, height} in ${PAGE.shape[1]} × ${PAGE.shape[0]}`],
         view: [value => views().includes(value), `one of: ${views().join(", ")}`],
         split: [value => isNumber(value, 0, 1), "a number from 0 to 1"],
         eye: [value => bench.eye !== null && isObject(value), "settings of an eye, which this bench must have"],
@@ -85,64 +94,6 @@ const views = () => [
 const VIEW_NAMES = { target: "Target", "wipe target": "Wipe to target", "wipe holograms": "Wipe between holograms" }
 const viewName = view => VIEW_NAMES[view] ?? PAGE.holograms[Number(view.split(" ")[1]) - 1].name
 
-// --- the link: state as text --------------------------------------------------------------------------------------------
-
-function toHash(state, bench) {
-    const parts = [`plane=${+(state.plane_m * 1e3).toPrecision(8)}mm`]
-    if (state.gap_m !== bench.nominal_gap_m) parts.push(`gap=${+(state.gap_m * 1e3).toPrecision(8)}mm`)
-    if (state.exposure !== PAGE.exposure) parts.push(`exposure=${state.exposure}`)
-    const add = (prefix, { lasers, powers, wavelengths_m }, bench) => {
-        lasers.forEach((on, i) => on || parts.push(`laser${prefix}${i + 1}=off`))
-        powers.forEach((power, i) => power !== 1 && parts.push(`power${prefix}${i + 1}=${power}`))
-        wavelengths_m.forEach((λ, i) => λ !== bench.nominal_wavelengths_m[i] && parts.push(`wavelength${prefix}${i + 1}=${+(λ * 1e9).toPrecision(8)}nm`))
-    }
-    add("", state, bench)
-    for (const [i, lasers] of Object.entries(state.others)) add(`${i}.`, lasers, PAGE.holograms[i - 1].bench)
-    if (state.eye) {
-        if (state.eye.pupil_m !== bench.eye.pupil_m) parts.push(`pupil=${+(state.eye.pupil_m * 1e3).toPrecision(6)}mm`)
-        for (const axis of ["x", "y"]) {
-            const name = `pupil_${axis}_m`
-            if (state.eye[name] !== bench.eye[name]) parts.push(`pupil_${axis}=${+(state.eye[name] * 1e3).toPrecision(6)}mm`)
-        }
-        if (state.eye.chromatic !== bench.eye.chromatic) parts.push(`chromatic=${state.eye.chromatic ? "on" : "off"}`)
-    }
-    if (state.view !== "hologram 1") parts.push(`view=${state.view.replace(" ", "-")}`)
-    return `#${parts.join("&")}`
-}
-
-function fromHash(hash, state, bench) {
-    const changes = {}
-    const list = (name, number) => { // "3" is the third laser, "2.3" that of the second hologram
-        const [laser, hologram] = number.split(".").reverse()
-        const to = hologram ? ((changes.others ??= {})[hologram] ??= {}) : changes
-        const from = hologram ? state.others[hologram] : state
-        if (!from || !(laser >= 1 && laser <= from[name].length)) refuse(`${name.split("_")[0]} ${number}`)
-        to[name] ??= [...from[name]]
-        return { set: value => { to[name][laser - 1] = value } }
-    }
-    const eye = () => (changes.eye ??= {})
-    for (const part of decodeURIComponent(hash.slice(1)).split("&").filter(Boolean)) {
-        const [, name, number, text] = part.match(/^([a-z_]+?)([\d.]*)=(.*)$/) ?? refuse(part)
-        const value = text.endsWith("mm") ? parseFloat(text) * 1e-3 : text.endsWith("nm") ? parseFloat(text) * 1e-9 : parseFloat(text)
-        if (name === "plane") changes.plane_m = value
-        else if (name === "gap") changes.gap_m = value
-        else if (name === "exposure") changes.exposure = value
-        else if (name === "laser") list("lasers", number).set(text !== "off")
-        else if (name === "power") list("powers", number).set(value)
-        else if (name === "wavelength") list("wavelengths_m", number).set(value)
-        else if (name === "pupil") eye().pupil_m = value
-        else if (name === "pupil_x" || name === "pupil_y") eye()[`${name}_m`] = value
-        else if (name === "chromatic") eye().chromatic = text !== "off"
-        else if (name === "view") changes.view = text.replace("-", " ")
-        else refuse(part)
-    }
-    return changed(state, bench, changes)
-
-    function refuse(part) {
-        throw new Refusal(`The link's “${part}” isn't understood: expected for example #plane=9.7mm&laser3=off.`)
-    }
-}
-
 // --- the viewer ---------------------------------------------------------------------------------------------------------
 
 class Viewer {
@@ -152,10 +103,9 @@ class Viewer {
         this.info = info
         this.bench = PAGE.holograms[0].bench
         this.shape = PAGE.shape
-        this.state = fromHashOrFirst(this.bench)
+        this.state = linkedState(this.bench, state => this.requireHeld(state))
         this.pictures = new Map() // view → OffscreenCanvas
         this.zoom = null // null: the whole image; else {scale, x, y}: canvas pixels a sample, sample in the middle
-        this.selection = PAGE.region ?? null
         this.isWide = matchMedia("(color-gamut: p3)").matches
         this.space = this.isWide ? "display-p3" : "srgb"
         this.canvas = $("image")
@@ -165,9 +115,18 @@ class Viewer {
         this.firstImage = new Promise(resolve => { this.showFirst = resolve })
     }
 
+    // Throws a Refusal for wavelengths that a link or a program asks for, and that the recordings can't compute.
+    requireHeld(state) {
+        this.holograms.forEach(({ full }, index) => lasersOf(state, index).wavelengths_m.forEach((λ, i) => {
+            if (λ !== full.bench.nominal_wavelengths_m[i] && !full.canHold(λ)) throw new Refusal(`wavelength ${i + 1}: ${NOT_HELD}`)
+        }))
+        return state
+    }
+
     // Shows what the state says; resolves when it is computed exactly. Later changes make earlier ones end early.
     async refresh() {
         const version = ++this.version
+        $("region").classList.add("old")
         const isOutdated = () => version !== this.version
         await (this.busy = (this.busy ?? Promise.resolve()).catch(() => {}).then(() => this.compute(isOutdated)))
     }
@@ -241,8 +200,7 @@ class Viewer {
 
     // The target at the plane that is nearest to the state's.
     async loadTarget() {
-        const distance = i => Math.abs(PAGE.target.planes_m[i] - this.state.plane_m)
-        const index = PAGE.target.planes_m.map((_, i) => i).reduce((a, b) => (distance(b) < distance(a) ? b : a))
+        const index = nearestIndex(PAGE.target.planes_m, this.state.plane_m)
         if (this.targetIndex === index) return
         const image = new Image()
         image.src = PAGE.target.pictures[index]
@@ -292,8 +250,8 @@ class Viewer {
             this.context.fillStyle = "#fff"
             this.context.fillRect(edge - 1, 0, 2, height)
         }
-        if (this.selection) {
-            const region = this.selection
+        if (this.state.region) {
+            const region = this.state.region
             this.context.lineWidth = 2
             for (const [style, dash] of [["#000", []], ["#fff", [6, 6]]]) {
                 this.context.strokeStyle = style
@@ -325,10 +283,7 @@ class Viewer {
         const [height, width] = this.shape
         const whole = { x: 0, y: 0, width, height }
         const r = region ?? whole
-        const isWhole = [r.x, r.y, r.width, r.height].every(Number.isInteger)
-        if (!isWhole || r.x < 0 || r.y < 0 || r.width < 1 || r.height < 1 || r.x + r.width > width || r.y + r.height > height) {
-            throw new Refusal(`The region must lie inside the image of ${width} × ${height} samples.`)
-        }
+        if (!isInside(r)) throw new Refusal(`The region must lie inside the image of ${width} × ${height} samples.`)
         const xyz = await full.readXyz()
         if (PAGE.target) await this.loadTarget()
         const found = PAGE.target ? speckle(xyz, width, r, this.targetCodes, PAGE.srgb_luminance) : speckle(xyz, width, r)
@@ -338,12 +293,20 @@ class Viewer {
         return found
     }
 
+    // The state as the page's address, except within a report.
+    keepLink() {
+        $("link-note").textContent = ""
+        if (location.protocol !== "about:") history.replaceState(null, "", toHash(this.state, this.bench))
+    }
+
     async report() {
-        const found = await this.measure(this.selection)
-        const where = this.selection ? "In the region" : "In the whole image"
+        const found = await this.measure(this.state.region)
+        const where = this.state.region ? "In the region" : "In the whole image"
         const parts = [`${where}: ${found.divided ? "" : "raw "}speckle contrast ${found.contrast.toFixed(3)}, mean luminance ${found.mean.toPrecision(3)}`]
         if (found.psnr_db !== undefined) parts.push(`PSNR to the target ${found.psnr_db.toFixed(2)} dB`)
         $("region").textContent = `${parts.join(", ")}.`
+        $("region").classList.remove("old")
+        writeSummary(summaryRows(this.state))
         drawHistogram(found)
         const here = this.state.plane_m === (PAGE.plane_m ?? this.state.plane_m)
         if (here && !this.claimed) await this.checkClaims()
@@ -372,17 +335,6 @@ class Viewer {
     }
 }
 
-function fromHashOrFirst(bench) {
-    const first = firstState(bench)
-    try {
-        return fromHash(location.hash, first, bench)
-    } catch (error) {
-        if (!(error instanceof Refusal)) throw error
-        $("message").textContent = error.message
-        return first
-    }
-}
-
 // --- controls -----------------------------------------------------------------------------------------------------------
 
 function connect(viewer) {
@@ -391,10 +343,10 @@ function connect(viewer) {
     $("controls").addEventListener("submit", event => event.preventDefault())
     const change = async changes => {
         try {
-            viewer.state = changed(viewer.state, bench, changes)
+            viewer.state = viewer.requireHeld(changed(viewer.state, bench, changes))
             update()
             await viewer.refresh()
-            if (location.protocol !== "about:") history.replaceState(null, "", toHash(viewer.state, bench)) // not within a report
+            viewer.keepLink()
         } catch (error) {
             $("message").textContent = error instanceof Refusal ? error.message : `The device failed: ${error.message}`
         }
@@ -410,14 +362,7 @@ function connect(viewer) {
     $("gap-row").hidden = bench.nominal_gap_m === null
     if (bench.nominal_gap_m !== null) slider("gap", PAGE.gap_range_m, value => ({ gap_m: value }))
     const names = views()
-    $("views").hidden = names.length < 2
-    for (const view of names) {
-        const button = document.createElement("button")
-        Object.assign(button, { type: "button", textContent: viewName(view) })
-        button.setAttribute("role", "radio")
-        button.addEventListener("click", () => change({ view }))
-        $("views").append(button)
-    }
+    const showView = connectViews(names, view => change({ view }))
     const lasers = connectLasers(viewer, change)
     const eye = connectEye(viewer, change)
     function update() {
@@ -430,9 +375,10 @@ function connect(viewer) {
         $("exposure-value").textContent = `${state.exposure.toFixed(1)} stops`
         $("split").value = state.split
         $("split-row").hidden = !state.view.startsWith("wipe")
-        ;[...$("views").children].forEach((button, i) => button.setAttribute("aria-checked", String(names[i] === state.view)))
+        showView(state.view)
         lasers()
         eye()
+        writeSummary(summaryRows(state))
     }
     viewer.showControls = update
     update()
@@ -444,14 +390,23 @@ function connect(viewer) {
     $("copy-command").addEventListener("click", () => copy(commandOf(viewer.state, bench)))
     addEventListener("resize", () => viewer.draw())
     addEventListener("hashchange", () => {
-        try {
-            viewer.state = fromHash(location.hash, firstState(bench), bench)
-            update()
-            viewer.refresh()
-        } catch (error) {
-            $("message").textContent = error.message
-        }
+        viewer.state = linkedState(bench, state => viewer.requireHeld(state))
+        update()
+        viewer.refresh()
     })
+}
+
+// A button for each view; returns what marks the one that is shown.
+function connectViews(names, choose) {
+    $("views").hidden = names.length < 2
+    for (const view of names) {
+        const button = document.createElement("button")
+        Object.assign(button, { type: "button", textContent: viewName(view) })
+        button.setAttribute("role", "radio")
+        button.addEventListener("click", () => choose(view))
+        $("views").append(button)
+    }
+    return shown => [...$("views").children].forEach((button, i) => button.setAttribute("aria-checked", String(names[i] === shown)))
 }
 
 const planeLabel = (bench, plane) => (bench.eye
@@ -486,6 +441,7 @@ function laserPanel(viewer, change, index) {
         on.type = "checkbox"
         on.setAttribute("aria-label", `Laser ${i + 1}`)
         swatch.className = "swatch"
+        swatch.textContent = i + 1
         const range = (label, quantity, low, high, step) => {
             const [input, text] = [document.createElement("input"), document.createElement("span")]
             Object.assign(input, { type: "range", min: low, max: high, step, ariaLabel: `${quantity} of laser ${i + 1}` })
@@ -501,7 +457,7 @@ function laserPanel(viewer, change, index) {
         waveInput.addEventListener("input", () => {
             const asked = Number(waveInput.value) * 1e-9
             if (viewer.holograms[index].full.canHold(asked)) set("wavelengths_m", i, asked)
-            else $("message").textContent = "At this wavelength light passes the stops that the recorded kernels don't compute: move it less."
+            else $("message").textContent = `Wavelength ${i + 1}: ${NOT_HELD}`
         })
         row.append(on, swatch, power, wavelength)
         panel.append(row)
@@ -516,18 +472,21 @@ function laserPanel(viewer, change, index) {
             row.powerText.textContent = `${Math.round(powers[i] * 100)} %`
             row.waveInput.value = wavelengths_m[i] * 1e9
             row.waveText.textContent = `${(wavelengths_m[i] * 1e9).toFixed(1)} nm`
-            row.swatch.style.background = colourOf(bench, wavelengths_m[i])
+            Object.assign(row.swatch.style, { background: colourOf(wavelengths_m[i]), color: inkOn(wavelengths_m[i]) })
         })
     }
 }
 
-// The colour of a laser as the screen can show it.
-function colourOf(bench, λ) {
+// The brightest colour of a laser that the screen can show, linear.
+function brightest(λ) {
     const rgb = linearRgb(PAGE.xyz_to_srgb, ...observerWeights(PAGE.cones, λ))
-    const largest = Math.max(...rgb, 1e-9)
-    const encode = value => Math.round(255 * Math.min(Math.max(value / largest, 0), 1) ** (1 / 2.2))
-    return `rgb(${rgb.map(encode).join(" ")})`
+    return rgb.map(value => Math.min(Math.max(value / Math.max(...rgb, 1e-9), 0), 1))
 }
+
+const colourOf = λ => `rgb(${brightest(λ).map(value => Math.round(255 * value ** (1 / 2.2))).join(" ")})`
+
+// Black or white, whichever has more contrast on a laser's colour (WCAG: equal at a luminance of 0.179).
+const inkOn = λ => (brightest(λ).reduce((sum, value, c) => sum + value * PAGE.srgb_luminance[c], 0) > 0.179 ? "#000" : "#fff")
 
 function connectEye(viewer, change) {
     const { bench } = viewer
@@ -625,7 +584,7 @@ function connectPointer(viewer, change) {
         } else if (start) {
             const end = viewer.sampleAt(event)
             if (end && (Math.abs(end.x - start.x) > 1 || Math.abs(end.y - start.y) > 1)) {
-                viewer.selection = regionOf(start, end)
+                viewer.state = { ...viewer.state, region: regionOf(start, end) }
                 viewer.draw()
             }
         } else viewer.panBy((event.clientX - before.clientX) * ratio, (event.clientY - before.clientY) * ratio)
@@ -635,10 +594,14 @@ function connectPointer(viewer, change) {
         pointers.delete(event.pointerId)
         const last = start && viewer.sampleAt(event)
         if (start && last && last.x === start.x && last.y === start.y) {
-            viewer.selection = null
+            viewer.state = { ...viewer.state, region: null }
             showSample(viewer, last) // a finger has no place to point at before
         }
-        if (start) { viewer.draw(); viewer.report() }
+        if (start) {
+            viewer.draw()
+            viewer.keepLink()
+            viewer.report()
+        }
         start = null
     }
     canvas.addEventListener("pointerup", end)
@@ -720,7 +683,9 @@ function drawSpectrum(viewer) {
     wavelengths_m.forEach((λ, i) => {
         const at = x(λ * 1e9).toFixed(1)
         const on = lasers[i] && powers[i] > 0
-        shape(svg, "line", { x1: at, x2: at, y1: on ? 80 - 70 * Math.min(powers[i], 1) : 74, y2: 80, stroke: colourOf(viewer.bench, λ), "stroke-width": on ? 3 : 1.5 })
+        shape(svg, "line", { x1: at, x2: at, y1: on ? 80 - 70 * Math.min(powers[i], 1) : 74, y2: 80, stroke: colourOf(λ), "stroke-width": on ? 3 : 1.5 })
+        const number = shape(svg, "text", { x: at, y: on ? 78 - 70 * Math.min(powers[i], 1) : 72, "font-size": 9, "text-anchor": "middle", fill: "currentColor" })
+        number.textContent = i + 1
     })
     for (const nm of [400, 500, 600, 700]) {
         const text = shape(svg, "text", { x: nm === 700 ? 318 : nm === 400 ? 2 : x(nm), y: 93, "font-size": 11, "text-anchor": nm === 400 ? "start" : nm === 700 ? "end" : "middle", fill: "currentColor" })
@@ -742,35 +707,93 @@ function drawHistogram(found) {
     }
 }
 
-// --- without WebGPU -----------------------------------------------------------------------------------------------------
+// --- what a print holds, beside the image -------------------------------------------------------------------------------
 
-// The stored picture nearest to the first focal plane, until the first image is computed.
-function previewStored() {
-    const { planes_m, pictures } = PAGE.stored
-    const distance = i => Math.abs(planes_m[i] - PAGE.plane_m)
-    const nearest = planes_m.map((_, i) => i).reduce((a, b) => (distance(b) < distance(a) ? b : a))
-    Object.assign($("stored"), { src: pictures[nearest], alt: "The image, rendered before", hidden: false })
+// What the image was computed from, and what was measured in it: [name, value].
+function summaryRows(state) {
+    const { bench } = PAGE.holograms[0]
+    const lasersAt = index => {
+        const { lasers, powers, wavelengths_m } = lasersOf(state, index)
+        return wavelengths_m.map((λ, i) => `${i + 1}: ${(λ * 1e9).toFixed(1)} nm ${lasers[i] ? `${Math.round(powers[i] * 100)} %` : "off"}`).join(", ")
+    }
+    const own = Object.keys(state.others).map(number => [`Lasers of ${viewName(`hologram ${number}`)}`, lasersAt(number - 1)])
+    const { eye, region } = state
+    return [
+        ["Shown", viewName(state.view)],
+        ["Focal plane", planeLabel(bench, state.plane_m)],
+        ...(state.gap_m === null ? [] : [["Gap", WHOLE_MM(state.gap_m)]]),
+        ["Lasers", lasersAt(0)], ...own,
+        ...(eye ? [["Eye", `pupil ${WHOLE_MM(eye.pupil_m)}, ${WHOLE_MM(eye.pupil_x_m)} to the right, ${WHOLE_MM(eye.pupil_y_m)} downwards, ` +
+            `chromatic aberration ${eye.chromatic ? "on" : "off"}`]] : []),
+        ["Exposure", `${state.exposure.toFixed(1)} stops`],
+        ["Region", region ? `x ${region.x}, y ${region.y}, ${region.width} × ${region.height} samples` : "the whole image"],
+        ["Measured", $("region").classList.contains("old") ? "not yet, for this state" : $("region").textContent],
+        ["Link", toHash(state, bench)],
+    ]
 }
 
+function writeSummary(rows) {
+    $("summary").replaceChildren(...rows.map(texts => {
+        const row = document.createElement("tr")
+        row.append(...texts.map((text, i) => Object.assign(document.createElement(i ? "td" : "th"), { textContent: text })))
+        return row
+    }))
+}
+
+// --- without WebGPU -----------------------------------------------------------------------------------------------------
+
+const nearestIndex = (planes_m, plane_m) => planes_m
+    .map((_, i) => i).reduce((a, b) => (Math.abs(planes_m[b] - plane_m) < Math.abs(planes_m[a] - plane_m) ? b : a))
+
+// The pictures in the file of a hologram or the target: {planes_m, pictures}.
+function storedOf(view) {
+    if (view === "target") return PAGE.target
+    const index = Number(view.split(" ")[1]) - 1
+    return index > 0 ? PAGE.stored_others[index - 1] : PAGE.stored
+}
+
+// Shows the stored picture of a view nearest to a focal plane; returns that plane.
+function showPicture(view, plane_m) {
+    const { planes_m, pictures } = storedOf(view)
+    const nearest = nearestIndex(planes_m, plane_m)
+    const at = WHOLE_MM(planes_m[nearest])
+    Object.assign($("stored"), { src: pictures[nearest], alt: `${viewName(view)} at ${at}, rendered before`, hidden: false })
+    return planes_m[nearest]
+}
+
+// What of a state has a stored picture; of a wipe its first side.
+const storedView = view => (view.startsWith("wipe") ? "hologram 1" : view)
+
 function showStored(reason) {
+    const first = firstState(PAGE.holograms[0].bench)
+    const linked = linkedState(PAGE.holograms[0].bench)
+    const state = { ...first, plane_m: linked.plane_m, view: storedView(linked.view) }
+    if (toHash(state, PAGE.holograms[0].bench) !== toHash(linked, PAGE.holograms[0].bench)) {
+        $("link-note").textContent = "Of this link, the focal plane and the hologram are shown; all else that it asks for has to be computed."
+    }
     $("message").textContent = reason
-    $("image").hidden = true
-    const [image, slider, play] = [$("stored"), $("plane"), $("play")]
-    image.hidden = false
+    $("how").textContent = "Its pictures were rendered when the file was written;"
+    $("claims").textContent = PAGE.claims.map(claim => `${claim.text}: ${claim.value} in the file; not computed again here.`).join(" ")
     $("controls").hidden = false
-    for (const id of ["gap-row", "compare", "lasers", "eye", "readings"]) $(id).hidden = true
+    for (const id of ["image", "keys", "gap-row", "zoom-row", "lasers", "eye", "readings", "play"]) $(id).hidden = true
     $("exposure").closest(".row").hidden = true
     $("copy-link").closest("fieldset").hidden = true
-    play.hidden = true
-    Object.assign(slider, { min: 0, max: PAGE.stored.pictures.length - 1, step: 1 })
     const show = () => {
-        const i = Number(slider.value)
-        image.src = PAGE.stored.pictures[i]
-        image.alt = `The image at ${WHOLE_MM(PAGE.stored.planes_m[i])}, rendered before`
-        $("plane-value").textContent = WHOLE_MM(PAGE.stored.planes_m[i])
+        const { planes_m } = storedOf(state.view)
+        const index = nearestIndex(planes_m, state.plane_m)
+        Object.assign($("plane"), { min: 0, max: planes_m.length - 1, step: 1, value: index })
+        $("plane-value").textContent = WHOLE_MM(showPicture(state.view, state.plane_m))
+        showView(state.view)
+        writeSummary([["Shown", viewName(state.view)], ["Focal plane", WHOLE_MM(planes_m[index])], ["Picture", "rendered when the file was written"]])
     }
-    slider.value = Math.floor(PAGE.stored.pictures.length / 2)
-    slider.addEventListener("input", show)
+    const showView = connectViews(views().filter(view => !view.startsWith("wipe")), view => {
+        state.view = view
+        show()
+    })
+    $("plane").addEventListener("input", () => {
+        state.plane_m = storedOf(state.view).planes_m[Number($("plane").value)]
+        show()
+    })
     show()
 }
 
@@ -778,7 +801,8 @@ function showStored(reason) {
 
 async function start() {
     $("frame").style.setProperty("--aspect", `${PAGE.shape[1]} / ${PAGE.shape[0]}`)
-    previewStored()
+    const linked = linkedState(PAGE.holograms[0].bench)
+    showPicture(storedView(linked.view), linked.plane_m) // until the first image is computed
     const { device, info, heads, first, replay } = await opening
     device.lost.then(lost => {
         if (lost.reason !== "destroyed") $("message").textContent = `The graphics device was lost: ${lost.message}. Reload the page.`
@@ -797,6 +821,7 @@ async function start() {
     }))
     const viewer = new Viewer(holograms, info)
     connect(viewer)
+    $("how").textContent = "Computed in this browser by the recorded WGSL shaders;"
     $("message").textContent = "Computing … The picture was rendered before."
     const complete = viewer.refresh()
     await Promise.race([viewer.firstImage, complete])
@@ -814,10 +839,10 @@ window.holoview = {
     get state() {
         return this.viewer ? structuredClone(this.viewer.state) : null
     },
-    // Changes the state, as {plane_m, gap_m, lasers, powers, wavelengths_m, exposure, eye, view, split}; resolves when shown.
+    // Changes the state, as {plane_m, gap_m, lasers, powers, wavelengths_m, exposure, eye, region, view, split}; resolves when shown.
     async set(changes) {
         const viewer = await opened
-        viewer.state = changed(viewer.state, viewer.bench, changes)
+        viewer.state = viewer.requireHeld(changed(viewer.state, viewer.bench, changes))
         viewer.showControls()
         await viewer.refresh()
     },

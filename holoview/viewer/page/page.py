@@ -43,7 +43,7 @@ from holoview.viewer.page.frame_recording import gap_range, observer_table, page
 
 FORMAT, VERSION = "holoview-page", "1"
 FIRST_SCRIPTS = ("replay.js", "open.js")  # which run before the rest of the file is read
-SCRIPTS = ("bench.js", "measure.js", "hologram.js", "page.js")
+SCRIPTS = ("bench.js", "measure.js", "hologram.js", "link.js", "page.js")
 _TARGET_BYTES = 900_000  # of the target's pictures: of these qualities the first that fits, or the last
 _TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
     {"lossless": True},
@@ -134,6 +134,7 @@ def page_html(
         "region": None if region is None else _box(region),
         "target": None if target is None else _target(target),
         "stored": _stored(views[0].exposed(stops)),
+        "stored_others": [_stored(view.exposed(stops)) for view in views[1:]],
         "claims": _claims(first, views[0], target, plane_m, region, backend),
         "holograms": [document for document, _, _ in documents],
     }
