@@ -20,15 +20,17 @@ _GRACE_S = 0.2
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
 
 
-def _work_in_a_library(folder: Path, saves: bool) -> None:
+def _work_in_a_library(folder: Path, saves: bool, closes: bool = False) -> None:
     """Is inside a library for several seconds while the signal comes, as in a driver; then goes on."""
 
     def save() -> bool:
         (folder / "saved").touch()
         return saves
 
-    with handled_signals(lambda _: None), ending_after_grace(save, _GRACE_S):
+    with handled_signals(lambda _: None), ending_after_grace(save, _GRACE_S) as window_is_closed:
         (folder / "begun").touch()
+        if closes:
+            window_is_closed()
         hashlib.pbkdf2_hmac("sha256", b"", b"", 6_000_000)
     (folder / "went on").touch()
     sys.exit(7)
@@ -48,6 +50,14 @@ def _interrupted(folder: Path, number: int, saves: bool = True) -> int | None:
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_it_ends_while_a_library_works(tmp_path: Path, number: int, code: int) -> None:
     assert _interrupted(tmp_path, number) == code
+    assert (tmp_path / "saved").exists() and not (tmp_path / "went on").exists()
+
+
+def test_it_ends_when_the_window_is_closed_while_a_library_works(tmp_path: Path) -> None:
+    work = multiprocessing.get_context("spawn").Process(target=_work_in_a_library, args=(tmp_path, True, True))
+    work.start()
+    work.join(PATIENCE_S)
+    assert work.exitcode == 0
     assert (tmp_path / "saved").exists() and not (tmp_path / "went on").exists()
 
 

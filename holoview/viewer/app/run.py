@@ -233,12 +233,14 @@ def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[],
         """Called on another thread, where the window's can't be waited for."""
         return not app.context.has_rig and (autosave is None or autosave.close() is None)
 
-    with handled_signals(interruption.ask) as take_signals, ending_after_grace(save):
+    with handled_signals(interruption.ask) as take_signals, ending_after_grace(save) as window_is_closed:
         loop.add_task(_close_at_signal, app, interruption, take_signals, name="signals")
         try:
             run()
         finally:
             take_signals()
+            if app.window.error is None and not interruption():
+                window_is_closed()
             failed = app.window.error
             unsaved = None
             if autosave is not None and failed is None:
@@ -317,26 +319,29 @@ def _no_screen(error: BaseException | None) -> UserError:
     return UserError("window", found, remedy="use --serve for a browser, or --offscreen with --screenshot")
 
 
-# Ends a viewer that was asked to end while its window's thread is inside a graphics driver, which nothing interrupts.
+# Ends a viewer that was asked to end while its window's thread is inside a graphics driver, which nothing interrupts, or
+# whose threads work on when the window is closed.
 #
 # A driver that compiles a shader or draws a large picture in software can keep a thread for many seconds; Python takes
-# signals only after that.
+# signals only after that. Compiling an optimisation's model takes as long, and ends no earlier when it is cancelled.
 
 
 GRACE_S = 2.0
 """Seconds from the signal that the window's thread has to close the window in good order."""
+_CLOSED, _AFTER_CLOSING_S = 0, 1.0  # in place of a signal's number; what the threads then have to end by themselves
 
 
 @contextmanager
-def ending_after_grace(save: Callable[[], bool], grace_s: float = GRACE_S) -> Iterator[None]:
+def ending_after_grace(save: Callable[[], bool], grace_s: float = GRACE_S) -> Iterator[Callable[[], None]]:
     """While the block runs, a signal that asks the viewer to end does so after `grace_s`, if the block still runs then.
 
+    Yields a function that says that the window was closed: then the viewer ends after a second likewise, with code 0.
     Only where this process may be left so (`util.processes.is_left`), and on its main thread. save: called on another
     thread, saves the work; tells whether that worked and nothing else has to be done first, such as switching lasers
     off. Otherwise the block goes on.
     """
     if not is_left():
-        yield
+        yield lambda: None
         return
     over = Event()
     reading, writing = socket.socketpair()
@@ -346,7 +351,7 @@ def ending_after_grace(save: Callable[[], bool], grace_s: float = GRACE_S) -> It
         watch.start()
         before = signal.set_wakeup_fd(writing.fileno(), warn_on_full_buffer=False)
         try:
-            yield
+            yield lambda: writing.sendall(bytes([_CLOSED]))
         finally:
             over.set()
             signal.set_wakeup_fd(before)
@@ -356,7 +361,7 @@ def ending_after_grace(save: Callable[[], bool], grace_s: float = GRACE_S) -> It
 
 def _watch(reading: socket.socket, over: Event, save: Callable[[], bool], grace_s: float) -> None:
     """Waits for a signal, whose number the interpreter writes at once, and then for the end of the block."""
-    while (number := reading.recv(1)) and number[0] not in ENDING:
+    while (number := reading.recv(1)) and number[0] not in (*ENDING, _CLOSED):
         pass
-    if number and not over.wait(grace_s) and save():
-        leave(0 if number[0] == signal.SIGINT else 128 + number[0])
+    if number and not over.wait(grace_s if number[0] != _CLOSED else min(grace_s, _AFTER_CLOSING_S)) and save():
+        leave(0 if number[0] in (_CLOSED, signal.SIGINT) else 128 + number[0])
