@@ -20,7 +20,7 @@ from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.util.processes import are_same
 from holoview.viewer.app import theme
-from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.context import AppContext, Rect
 from holoview.viewer.app.panel import DrawGuard, GuardedPanel, Panel
 from holoview.viewer.app.panels import ALL
 from holoview.viewer.app.readout import add_score_commands
@@ -68,7 +68,7 @@ class App:
         self.session, self._tunes = session, tunes
         self.window = Window(canvas, device, frame_s=frame_s)
         self.context = AppContext(session, device, self.window, store, renderer, is_read_only=is_read_only)
-        self.toasts = Toasts(session.messages)
+        self.toasts = Toasts(session.messages, lambda: self.context.picture_place)
         self.panels = [GuardedPanel(panel(), self.context) for panel in panels]
         self.tour = Tour(self.context)
         add_general_commands(self.context)
@@ -109,7 +109,7 @@ class App:
         self.session.hold(self._is_held())
         self.session.poll()
         self.context.received_fields.poll()
-        self.context.wants_measurement = False
+        self.context.wants_measurement, self.context.picture_place = False, None
         self._take_keys()
         for guarded in self.panels:
             if guarded.panel.wants_to_open(self.context):
@@ -251,8 +251,8 @@ def _close_innermost_menu() -> None:
 
 
 _SPLITS = (
-    ("MainDockSpace", "Left", imgui.Dir.left, 0.26),
-    ("MainDockSpace", "Right", imgui.Dir.right, 0.34),
+    ("MainDockSpace", "Left", imgui.Dir.left, 0.285),
+    ("MainDockSpace", "Right", imgui.Dir.right, 0.35),
     ("Right", "Low right", imgui.Dir.down, 0.50),
     ("MainDockSpace", "Bottom", imgui.Dir.down, 0.20),
 )
@@ -337,10 +337,13 @@ _WIDTH, _GAP, _MOST = 380.0, 10.0, 4
 
 
 class Toasts:
-    """Draws the newest messages of a session until they expire or the user closes them."""
+    """Draws the newest messages of a session until they expire or the user closes them.
 
-    def __init__(self, messages: MessageLog) -> None:
-        self._messages = messages
+    place: where they are drawn, above the picture, where no button is; None for the lower right of the window.
+    """
+
+    def __init__(self, messages: MessageLog, place: Callable[[], Rect | None] = lambda: None) -> None:
+        self._messages, self._place = messages, place
         self._closed: set[float] = set()
         self._drawn: list[float] = []
 
@@ -360,17 +363,22 @@ class Toasts:
 
     def draw(self) -> None:
         """Draws the messages above everything else."""
-        viewport = imgui.get_main_viewport()
-        right = viewport.work_pos.x + viewport.work_size.x - _GAP
-        bottom = viewport.work_pos.y + viewport.work_size.y - _GAP - imgui.get_frame_height()
-        messages = self.visible()
+        messages, place = self.visible(), self._place()
         self._drawn = [message.when for message in messages]
+        if place is None:
+            whole = imgui.get_main_viewport()
+            bottom = whole.work_pos.y + whole.work_size.y - imgui.get_frame_height()
+            place = whole.work_pos.x, whole.work_pos.y, whole.work_pos.x + whole.work_size.x, bottom
+        left, top, right, bottom = place
+        width = min(_WIDTH, right - left - 2 * _GAP)
         for number, message in enumerate(messages):
-            bottom = self._draw_one(number, message, right, bottom) - _GAP
+            bottom = self._draw_one(number, message, right - _GAP, bottom - _GAP, width)
+            if bottom < top:
+                break
 
-    def _draw_one(self, number: int, message: Message, right: float, bottom: float) -> float:
+    def _draw_one(self, number: int, message: Message, right: float, bottom: float, width: float) -> float:
         imgui.set_next_window_pos(imgui.ImVec2(right, bottom), imgui.Cond_.always, imgui.ImVec2(1.0, 1.0))
-        imgui.set_next_window_size(imgui.ImVec2(_WIDTH, 0.0))
+        imgui.set_next_window_size(imgui.ImVec2(width, 0.0))
         flags = (
             imgui.WindowFlags_.no_decoration
             | imgui.WindowFlags_.no_docking

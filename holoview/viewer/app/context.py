@@ -271,7 +271,8 @@ class AppContext:
     renderer: that of the displayed document, if it has been started already. is_read_only: whether the user can't open,
     save or export files nor end the viewer; commands and buttons for these aren't there. drag_tool: the mark that a
     drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each frame in which it
-    shows measurements of the image. item_rects: where items were drawn in the last frame, by name. displayed_pixels:
+    shows measurements of the image. item_rects: where items were drawn in the last frame, by name. picture_place: where
+    the image panel drew its picture in this frame, if it did. displayed_pixels:
     returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
     """
 
@@ -289,6 +290,7 @@ class AppContext:
         self.is_read_only = is_read_only
         self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
         self.drag_tool, self.wants_measurement = "", False
+        self.picture_place: Rect | None = None
         self.side_renderers = SideRenderers(device, session, renderer)
         self.plane_previews = PlanePreviews(device)
         self.page_images = PageImages(device, session.call_on_owner, session.messages.post_error)

@@ -13,6 +13,11 @@ from imgui_bundle import imgui
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.document.editing_session import MessageLog
 
+_BARE = (  # a tab has a cross of its own, and in a small window all tabs are to be seen
+    imgui.internal.DockNodeFlagsPrivate_.no_close_button.value
+    | imgui.internal.DockNodeFlagsPrivate_.no_window_menu_button.value
+)
+
 
 class Panel(ABC):
     """A dockable window of the viewer.
@@ -97,3 +102,10 @@ class GuardedPanel(DrawGuard):
     def __init__(self, panel: Panel, context: AppContext) -> None:
         super().__init__(panel.title, partial(panel.draw, context), context.session.messages)
         self.panel = panel
+
+    def draw(self) -> None:
+        """Draws the panel, in a dock that leaves all the width to its tabs."""
+        node = imgui.internal.get_current_window().dock_node
+        if node is not None and node.local_flags & _BARE != _BARE:
+            node.set_local_flags(node.local_flags | _BARE)
+        super().draw()

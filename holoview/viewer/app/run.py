@@ -319,8 +319,8 @@ def _no_screen(error: BaseException | None) -> UserError:
     return UserError("window", found, remedy="use --serve for a browser, or --offscreen with --screenshot")
 
 
-# Ends a viewer that was asked to end while its window's thread is inside a graphics driver, which nothing interrupts, or
-# whose threads work on when the window is closed.
+# Ends a viewer that was asked to end while its window's thread is inside a graphics driver, which nothing interrupts,
+# or whose threads work on when the window is closed.
 #
 # A driver that compiles a shader or draws a large picture in software can keep a thread for many seconds; Python takes
 # signals only after that. Compiling an optimisation's model takes as long, and ends no earlier when it is cancelled.

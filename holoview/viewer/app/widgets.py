@@ -10,6 +10,7 @@ from imgui_bundle import imgui
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 
+_ITEM_SHARE, _NARROWEST_EM = 0.65, 3.0  # of the panel's width, as ImGui has it, and in heights of the font
 _TOOLTIP_EM = 26.0  # width of tooltips, in heights of the font: about that of a panel
 
 
@@ -64,6 +65,20 @@ def command_button(
 def share_of_width(count: int) -> float:
     """The width of each of `count` items that fill a line side by side."""
     return (imgui.get_content_region_avail().x - (count - 1) * imgui.get_style().item_spacing.x) / count
+
+
+@contextmanager
+def room_for_labels(*labels: str) -> Iterator[None]:
+    """Draws items so wide that each of these labels beside them is seen, if the panel is wide enough for any item."""
+    widest = max(imgui.calc_text_size(label).x for label in labels) + imgui.get_style().item_inner_spacing.x
+    share = imgui.get_content_region_avail().x - widest
+    imgui.push_item_width(
+        max(min(share, _ITEM_SHARE * imgui.get_content_region_avail().x), _NARROWEST_EM * imgui.get_font_size())
+    )
+    try:
+        yield
+    finally:
+        imgui.pop_item_width()
 
 
 def combo(label: str, chosen: str, options: Sequence[str], tip: str = "", width: float = 0.0) -> str:

@@ -130,9 +130,11 @@ class FilesPanel(Panel):
             _draw_jobs(context)
             return
         command_button(context, "Open…", width=-1)
+        imgui.separator_text("save")
         width = share_of_width(2)
         for number, save in enumerate(self._saves):
-            command_button(context, f"{save.name}…", width=width)
+            label = f"{save.name.removeprefix('Save ').capitalize()}…"
+            command_button(context, f"{save.name}…", label, width=width, name=f"file: {save.name}")
             if number % 2 == 0:
                 imgui.same_line()
         imgui.set_next_item_width(0.7 * width)

@@ -101,6 +101,7 @@ class ImagePanel(Panel):
         buttons = imgui.ButtonFlags_.mouse_button_left | imgui.ButtonFlags_.mouse_button_middle
         imgui.invisible_button("##image", imgui.ImVec2(*size), buttons)
         context.record_item_rect("image")
+        context.picture_place = context.item_rects["image"]
         draw_list = imgui.get_window_draw_list()
         has_pupil = view.page == "spectrum" and context.session.system.eye is not None
         if not has_pupil:

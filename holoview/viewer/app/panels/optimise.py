@@ -26,7 +26,7 @@ from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import number_field
-from holoview.viewer.app.widgets import combo, command_button, share_of_width, tooltip
+from holoview.viewer.app.widgets import combo, command_button, room_for_labels, share_of_width, tooltip
 from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
 from holoview.viewer.document.focus_edits import focus_range_m
 from holoview.viewer.document.optimisation_job import (
@@ -77,6 +77,10 @@ class OptimisePanel(Panel):
         if context.session.system.is_field:
             imgui.text_wrapped("A field has no patterns to optimise. Open a preset to find patterns for a picture.")
             return
+        with room_for_labels("brightness", "colour error", "rows, columns"):
+            self._draw_all(context)
+
+    def _draw_all(self, context: AppContext) -> None:
         _draw_target(context)
         job = running_optimisation(context.session)
         if job is None:

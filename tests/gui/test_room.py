@@ -1,0 +1,63 @@
+"""In a small window nothing is cut off: no label, no tab, no button's text; and notes leave the buttons alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from imgui_bundle import imgui
+
+from tests.gui.conftest import Gui
+
+pytestmark = pytest.mark.gpu
+_SLACK_PX = 1.0  # positions are rounded to whole pixels
+
+
+@pytest.mark.parametrize("size", [(1024, 700), (1280, 800)])
+def test_nothing_is_cut_off_in_a_small_window(make_gui: Callable[..., Gui], size: tuple[int, int]) -> None:
+    gui = make_gui(size=size)
+    gui.draw_until_idle()
+    gui.press_chord("Y")  # an eye, whose panel has most
+    gui.draw_until_idle()
+    cut = []
+    shown = [guarded.panel.title for guarded in gui.app.panels if guarded.panel.starts_open]
+    for title in shown:
+        gui.context.show_panel(title)
+        for _ in range(6):  # a panel that measures grows, and then has a scroll bar
+            gui.draw_frames()
+            gui.draw_until_idle()
+        window = imgui.internal.find_window_by_name(title)
+        room = window.work_rect.max.x - window.work_rect.min.x
+        if window.content_size.x > room + _SLACK_PX:
+            cut.append(f"{title}: {window.content_size.x:.0f} of {room:.0f}")
+        bar = window.dock_node.tab_bar
+        tabs = bar.bar_rect.max.x - bar.bar_rect.min.x
+        if bar.width_all_tabs_ideal > tabs + _SLACK_PX:
+            cut.append(f"tabs beside {title}: {bar.width_all_tabs_ideal:.0f} of {tabs:.0f}")
+    assert cut == []
+
+
+def test_the_texts_of_the_buttons_for_files_have_room(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(size=(1024, 700))
+    gui.context.show_panel("Files")
+    gui.draw_frames(4)
+    rects = {name: rect for name, rect in gui.context.item_rects.items() if name.startswith("file: Save ")}
+    assert len(rects) > 10
+    for name, (left, _, right, _) in rects.items():
+        padding = 2 * imgui.get_style().frame_padding.x
+        text = f"{name.removeprefix('file: Save ').capitalize()}…"
+        assert imgui.calc_text_size(text).x + padding <= right - left, name
+
+
+def test_notes_never_cover_a_button(make_gui: Callable[..., Gui]) -> None:
+    """Notes lie on the picture, or, where none is shown, at the lower right."""
+    gui = make_gui(size=(1024, 700))
+    gui.draw_until_idle()
+    for number in range(4):
+        gui.session.messages.post(f"A note of some length, of which there are four at once, number {number}.")
+    gui.draw_frames(3)
+    left, top, right, bottom = gui.context.item_rects["image"]
+    seen = [imgui.internal.find_window_by_name(f"##toast{number}") for number in range(4)]
+    for toast in seen:
+        low, high = toast.pos, (toast.pos.x + toast.size.x, toast.pos.y + toast.size.y)
+        assert left <= low.x and high[0] <= right and top - 80 <= low.y and high[1] <= bottom
