@@ -23,7 +23,7 @@ def test_nothing_is_cut_off_in_a_small_window(make_gui: Callable[..., Gui], size
     shown = [guarded.panel.title for guarded in gui.app.panels if guarded.panel.starts_open]
     for title in shown:
         gui.context.show_panel(title)
-        for _ in range(6):  # a panel that measures grows, and then has a scroll bar
+        for _ in range(3):  # a panel that measures grows, and then has a scroll bar
             gui.draw_frames()
             gui.draw_until_idle()
         window = imgui.internal.find_window_by_name(title)

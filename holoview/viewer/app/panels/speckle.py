@@ -71,7 +71,7 @@ class SpecklePanel(Panel):
         return None if self._comparison_job is None else self._comparison_job.result
 
     def _draw_comparison(self, context: AppContext) -> None:
-        imgui.separator_text("Simultaneous beside HoloChrome")
+        imgui.separator_text("Colour schemes")
         if context.session.target_spec is not None:
             imgui.set_next_item_width(6 * imgui.get_font_size())
             _, self._iterations = imgui.input_int("iterations##showcase", self._iterations, 10, 50)
@@ -154,7 +154,7 @@ def _row(key: str, value: str, label: str = "") -> None:
 def _draw_plots(measurements: ImageMeasurements) -> None:
     if measurements.histogram is not None and _header("Histogram"):
         _draw_histogram(measurements.histogram)
-    if measurements.curve is not None and _header("Contrast by the number of wavelengths"):
+    if measurements.curve is not None and _header("Contrast by wavelengths"):
         _draw_curve(measurements.curve)
     if measurements.profile is not None and _header("Profile along the line"):
         _draw_profile(measurements.profile)
