@@ -70,7 +70,7 @@ fn channels(is_b: bool, position: vec2f) -> vec3f {
     let size = vec2f(select(viewport.size_a, viewport.size_b, is_b));
     let half_step = 0.5 * viewport.step;
     let gain = select(viewport.gain_a, viewport.gain_b, is_b);
-    let xyz = gain * mean_xyz(is_b, (position - half_step) * size, (position + half_step) * size, vec2i(size));
+    let xyz = gain.xyz * mean_xyz(is_b, (position - half_step) * size, (position + half_step) * size, vec2i(size));
     return vec3f(
         dot(viewport.channel_r.xyz, xyz) + viewport.channel_r.w,
         dot(viewport.channel_g.xyz, xyz) + viewport.channel_g.w,

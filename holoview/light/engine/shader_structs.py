@@ -120,13 +120,13 @@ VIEWPORT = WgslStruct(
         ("channel_g", "vec4<f32>"),
         ("channel_b", "vec4<f32>"),
         ("background", "vec4<f32>"),  # sRGB code / 255
+        ("gain_a", "vec4<f32>"),  # factors of X, Y and Z of image a
+        ("gain_b", "vec4<f32>"),
         ("origin", "vec2<f32>"),  # (x, y) of the viewport's corner, as fractions of the image's size
         ("step", "vec2<f32>"),  # from one pixel to the next, as fractions of the image's size
         ("size_a", "vec2<u32>"),  # (x, y) samples of image a
         ("size_b", "vec2<u32>"),
         ("size", "vec2<u32>"),  # (x, y) pixels of the viewport
-        ("gain_a", "f32"),  # factor of the XYZ of image a
-        ("gain_b", "f32"),
         ("split", "f32"),  # pixels left of the boundary in the comparison "wipe"
         ("gamma", "f32"),
     ],

@@ -331,6 +331,11 @@ class AppContext:
         )
 
     @property
+    def has_old_figures(self) -> bool:
+        """Whether figures are those of an earlier image than the one that is asked for."""
+        return self.side_renderers.now.is_busy or self.live_measurement.is_busy
+
+    @property
     def rig(self) -> RigSession:
         """The rig of the session, which may not have been opened; `opened_rig` tells whether it has."""
         if self._rig is None:

@@ -263,8 +263,8 @@ def _pack_uniform(a: DeviceImage, b: DeviceImage, view: ViewSettings, area: Visi
         size_a=a.shape[::-1],
         size_b=b.shape[::-1],
         size=area.size,
-        gain_a=a.gain,
-        gain_b=b.gain,
+        gain_a=(*a.gain, 0.0),
+        gain_b=(*b.gain, 0.0),
         split=view.wipe * area.size[0],
         gamma=view.gamma,
     )

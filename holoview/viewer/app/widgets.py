@@ -10,6 +10,7 @@ from imgui_bundle import imgui
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 
+_OLD_ALPHA = 0.45
 _ITEM_SHARE, _NARROWEST_EM = 0.65, 3.0  # of the panel's width, as ImGui has it, and in heights of the font
 _TOOLTIP_EM = 26.0  # width of tooltips, in heights of the font: about that of a panel
 
@@ -100,6 +101,16 @@ def coloured(part: imgui.Col_, colour: imgui.ImVec4 | None) -> Iterator[None]:
     finally:
         if colour is not None:
             imgui.pop_style_color()
+
+
+@contextmanager
+def dimmed(is_old: bool) -> Iterator[None]:
+    """Draws items paler while what they tell is of an earlier image."""
+    imgui.push_style_var(imgui.StyleVar_.alpha, _OLD_ALPHA if is_old else 1.0)
+    try:
+        yield
+    finally:
+        imgui.pop_style_var()
 
 
 def wrapped_text(text: str, colour: imgui.ImVec4) -> None:

@@ -34,6 +34,7 @@ from holoview.light.engine.incremental import IncrementalRenderer, UpdateProgres
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.processes import Inputs, are_same
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape
 from holoview.viewer.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings
 
@@ -46,6 +47,7 @@ IDLE_BEFORE_FULL_S = 0.12
 SLICE_S = 0.012
 """The approximate duration of a slice, during which the device can't draw the window."""
 _MIN_LASERS = 3
+_FORESEEN_LASERS = 3  # whose parts of a full frame tell how bright it will be
 _FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
 
 
@@ -67,7 +69,8 @@ class ProgressiveRenderer:
     """One image that follows a scene: call `request` after each change, and `compute_slice` while `is_busy`.
 
     picture: the newest image on the device, quick or full; None before the first. full_scene: the scene of the last
-    full frame. quick_gain: the factor by which quick frames are darker.
+    full frame. quick_gain: the factors by which the X, Y and Z of quick frames are multiplied, whose light can't leave
+    the image into higher diffraction orders.
     """
 
     def __init__(self, device: Device) -> None:
@@ -82,9 +85,10 @@ class ProgressiveRenderer:
         self._next: Scene | None = None  # the scene that was requested meanwhile, or during a quick frame
         self.picture: DeviceImage | None = None
         self.full_scene: Scene | None = None
-        self.quick_gain = 1.0
+        self.quick_gain = (1.0, 1.0, 1.0)
         self._quick_scene: Scene | None = None
-        self._gain_key: object = None
+        self._gain_key: Inputs = ()  # what the gain was measured for
+        self._is_gain_old = False  # whether it is measured before the next quick frame is shown
         self._downloads: dict[str, NDArray[np.float32]] = {}  # of the present picture
 
     @property
@@ -155,6 +159,7 @@ class ProgressiveRenderer:
         self._requested, self._requested_at = scene, time.perf_counter()
         self._steps = None
         self._stage, self._follows_quick_frame = "quick" if is_in_drag or self._is_slow(scene) else "full", False
+        self._is_gain_old = not is_in_drag and not are_same(_gain_key(scene), self._gain_key)
 
     def start(self, scene: Scene | None, executor: Executor) -> None:
         """Has the first picture of a scene computed by an executor; `compute_slice` goes on from there."""
@@ -223,7 +228,7 @@ class ProgressiveRenderer:
             return self._full.xyz()
         if not self.follows or self.is_fresh or self._quick is None:
             return self.xyz()
-        return self._quick.xyz() * np.float32(self.quick_gain)
+        return self._quick.xyz() * np.array(self.quick_gain, np.float32)
 
     def poll_strategy(self) -> None:
         """Switches to a faster strategy of the transforms, if the search in the background has found one."""
@@ -295,7 +300,9 @@ class ProgressiveRenderer:
         assert renderer is not None and self._requested is not None
         self._version += 1
         self._downloads.clear()
-        gain = self.quick_gain if is_quick else 1.0
+        if is_quick and self._is_gain_old:
+            self._foresee_brightness(renderer, self._requested)
+        gain = self.quick_gain if is_quick else (1.0, 1.0, 1.0)
         self.picture = DeviceImage(renderer.xyz_buffer, renderer.compositor.shape, is_quick, self._version, gain)
         self._steps = None
         if is_quick:
@@ -305,20 +312,47 @@ class ProgressiveRenderer:
         self._follows_quick_frame, self.full_scene = False, self._requested
         self._compare_brightness()
 
-    def _compare_brightness(self) -> None:
-        """Measures the ratio of the brightnesses of full and quick frame, once for each kind of system.
+    def _foresee_brightness(self, quick: IncrementalRenderer, scene: Scene) -> None:
+        """Measures the gain of a quick frame before its full one is there, by three lasers at most.
 
-        Quick frames are brighter, since their light can't leave the image into higher diffraction orders.
+        Their parts of the full frame are computed for that; the full frame goes on from there. The share of the light
+        that leaves the image changes evenly with the wavelength: it is interpolated for the other lasers.
         """
+        self._is_gain_old = False
+        powers, quick_powers = scene.system.amplitudes.sum(axis=0), quick.system.amplitudes.sum(axis=0)
+        wavelengths_m = scene.system.wavelengths_m
+        lit = np.flatnonzero((powers > 0) & (quick_powers > 0))
+        lit = lit[np.argsort(wavelengths_m[lit])]
+        try:
+            self._full = edit_to_scene(self._full, scene, self._device)
+        except UserError:  # it is reported when the full frame is begun
+            return
+        shown = np.array([quick.intensity(laser).mean() for laser in lit])
+        if not len(lit) or not shown.all():
+            return
+        some = np.unique(np.linspace(0, len(lit) - 1, _FORESEEN_LASERS).round().astype(int))
+        full = np.array([self._full.intensity(lit[one]).mean() for one in some])
+        shares = full / powers[lit[some]] * quick_powers[lit[some]] / shown[some]
+        xyz = shown[:, None] * observer_weights(scene.system.observer, wavelengths_m[lit])
+        gains = np.interp(wavelengths_m[lit], wavelengths_m[lit[some]], shares) @ xyz / xyz.sum(axis=0)
+        x, y, z = gains.tolist()
+        self._gain_key, self.quick_gain = _gain_key(scene), (x, y, z)
+
+    def _compare_brightness(self) -> None:
+        """Measures the ratios of the mean X, Y and Z of a full frame and of the quick one before it."""
         assert self._requested is not None
-        system = self._requested.system
-        key = (system.modulators, system.sampling, system.gap_m is None)
-        if key == self._gain_key or self._quick_scene is not self._requested or self._quick is None:
+        if self._quick_scene is not self._requested or self._quick is None:
             return
         full, quick = self.xyz(), self._quick.xyz()
-        if full is not None and quick[..., 1].any():
-            self._gain_key = key
-            self.quick_gain = float(full[..., 1].mean() / quick[..., 1].mean())
+        if full is not None and quick.any(axis=(0, 1)).all():
+            x, y, z = full.mean(axis=(0, 1), dtype=np.float64) / quick.mean(axis=(0, 1), dtype=np.float64)
+            self._gain_key, self.quick_gain = _gain_key(self._requested), (float(x), float(y), float(z))
+
+
+def _gain_key(scene: Scene) -> Inputs:
+    """What the share of the light that leaves the image depends on most."""
+    system = scene.system
+    return scene.drive, system.modulators, system.sampling, system.gap_m, system.eye
 
 
 # --- the simplified system ---

@@ -37,15 +37,15 @@ class Scene:
 class DeviceImage:
     """An XYZ image (y, x, 4) in float32 on the device; the fourth component is unused. shape: (y, x).
 
-    is_quick: whether it shows the simplified system. version: rises when the content changes. gain: a factor on its
-    light for display.
+    is_quick: whether it shows the simplified system. version: rises when the content changes. gain: factors on its
+    X, Y and Z for display.
     """
 
     buffer: Buffer
     shape: tuple[int, int]
     is_quick: bool = False
     version: int = 0
-    gain: float = 1.0
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 def uploaded_image(device: Device, xyz: NDArray[np.float32], label: str) -> DeviceImage:

@@ -111,6 +111,10 @@ class ImagePanel(Panel):
             self._draw_pupil(context)
         if view.page == "image":
             self._draw_marks(view, draw_list)
+        if a.is_quick and view.page == "image":
+            badge = "quick image"
+            left = self.picture.end.x - imgui.calc_text_size(badge).x - 8
+            draw_label(draw_list, badge, imgui.ImVec2(left, corner.y + 6))
         for text, share in side_labels(view, self.shows_b, context.session.target_spec is not None):
             draw_label(draw_list, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
         draw_list.pop_clip_rect()

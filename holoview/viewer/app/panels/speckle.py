@@ -12,7 +12,7 @@ from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.plots import draw_retinal_curve, draw_retinal_state
-from holoview.viewer.app.widgets import command_button, share_of_width, tooltip, wrapped_text
+from holoview.viewer.app.widgets import command_button, dimmed, share_of_width, tooltip, wrapped_text
 from holoview.viewer.document.measurements import ContrastCurve, ImageMeasurements, LineProfile
 from holoview.viewer.document.optimisation_job import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 
@@ -60,9 +60,11 @@ class SpecklePanel(Panel):
         if measurements is None:
             imgui.text_disabled("The image is on its way.")
         else:
-            _draw_numbers(context, measurements)
+            with dimmed(context.has_old_figures):
+                _draw_numbers(context, measurements)
             draw_retinal_curve(context)
-            _draw_plots(measurements)
+            with dimmed(context.has_old_figures):
+                _draw_plots(measurements)
         self._draw_comparison(context)
 
     @property

@@ -1,0 +1,94 @@
+"""A quick image has the colours and the brightness of the full one, and says what it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+
+from holoview.holograms.view import random_drive
+from holoview.light.gpu.device import Device
+from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.app.panels.speckle import SpecklePanel
+from holoview.viewer.render import progressive_renderer
+from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
+from holoview.viewer.render.scene import Scene
+from tests.gui.conftest import Gui, small_bench
+
+pytestmark = pytest.mark.gpu
+
+
+@pytest.fixture(autouse=True)
+def slow(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device on which a quick image comes before every full one, which waits for a pause."""
+    monkeypatch.setattr(device, "info", replace(device.info, kind="CPU"))
+    monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", 0.0)
+
+
+def _means(renderer: ProgressiveRenderer, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """The mean XYZ of a scene's quick image as it is shown, and of its full image."""
+    renderer.request(scene)
+    while renderer.picture is None or not renderer.picture.is_quick or not renderer.follows:
+        renderer.compute_slice()
+    quick = renderer.shown_xyz()
+    assert quick is not None and renderer.picture.is_quick
+    while renderer.is_busy:
+        renderer.compute_slice()
+    full = renderer.xyz()
+    assert full is not None and not renderer.picture.is_quick
+    return quick.mean(axis=(0, 1)), full.mean(axis=(0, 1))
+
+
+def test_brightness_and_colours_are_those_of_the_full_image(device: Device) -> None:
+    """Also the first time, by three lasers; later as far as an edit doesn't change how much light is lost."""
+    system = small_bench()
+    renderer, drive = ProgressiveRenderer(device), random_drive(system, seed=4)
+    first = Scene(system, drive, 1e-2)
+    quick, full = _means(renderer, first)
+    assert quick == pytest.approx(full, rel=0.01)
+    for plane_m in (1.004e-2, 1.008e-2):
+        quick, full = _means(renderer, replace(first, plane_m=plane_m))
+        assert quick == pytest.approx(full, rel=0.01)
+    muted = system.edit({"amplitudes": system.amplitudes * np.array([1, 0.2, 1])})
+    quick, full = _means(renderer, replace(first, system=muted, plane_m=1.008e-2))
+    assert quick == pytest.approx(full, rel=0.01)
+
+
+def test_other_patterns_and_another_gap_have_a_brightness_of_their_own(device: Device) -> None:
+    system = small_bench()
+    renderer, drive = ProgressiveRenderer(device), random_drive(system, seed=4)
+    _means(renderer, Scene(system, drive, 1e-2))
+    for other in (Scene(system, np.zeros_like(drive), 1e-2), Scene(system.with_(gap="4 mm"), drive, 1e-2)):
+        quick, full = _means(renderer, other)
+        assert quick == pytest.approx(full, rel=0.01)
+
+
+def test_a_badge_tells_the_quick_image_and_old_figures_are_pale(
+    make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gui = make_gui(panels=(ImagePanel, SpecklePanel))
+    gui.draw_until_idle()
+    assert not gui.context.has_old_figures and "quick image" not in _texts(gui, monkeypatch)
+    monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 1000.0)
+    gui.session.edit_view("Focal plane", plane_m=1.02e-2)
+    while gui.app.compute_slice():
+        pass
+    assert "quick image" in _texts(gui, monkeypatch)
+    assert gui.context.has_old_figures
+    monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 0.0)
+    gui.draw_until_idle()
+    gui.draw_frames(2)
+    assert not gui.context.has_old_figures and "quick image" not in _texts(gui, monkeypatch)
+
+
+def _texts(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The texts that are drawn on the image in a frame."""
+    found: list[str] = []
+    with monkeypatch.context() as patched:
+        patched.setattr("holoview.viewer.app.panels.image.draw_label", lambda _, text, __: found.append(text))
+        gui.draw_frames()
+    assert imgui.get_frame_count() > 0
+    return found
