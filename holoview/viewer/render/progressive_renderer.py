@@ -327,11 +327,11 @@ class ProgressiveRenderer:
             self._full = edit_to_scene(self._full, scene, self._device)
         except UserError:  # it is reported when the full frame is begun
             return
-        shown = np.array([quick.intensity(laser).mean() for laser in lit])
+        shown = np.array([quick.intensity(int(laser)).mean() for laser in lit])
         if not len(lit) or not shown.all():
             return
         some = np.unique(np.linspace(0, len(lit) - 1, _FORESEEN_LASERS).round().astype(int))
-        full = np.array([self._full.intensity(lit[one]).mean() for one in some])
+        full = np.array([self._full.intensity(int(lit[one])).mean() for one in some])
         shares = full / powers[lit[some]] * quick_powers[lit[some]] / shown[some]
         xyz = shown[:, None] * observer_weights(scene.system.observer, wavelengths_m[lit])
         gains = np.interp(wavelengths_m[lit], wavelengths_m[lit[some]], shares) @ xyz / xyz.sum(axis=0)
