@@ -69,6 +69,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.viewer.document.measurements", "holoview.holograms.metrics.perceptual"): SLOW,
     ("holoview.viewer.document.measurements", "scipy"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.solve"): SLOW,
+    ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.forward_model"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.parallel"): SLOW,
     ("holoview.holograms.metrics.speckle", "scipy.special"): SLOW,
     ("holoview.holograms.fields.focus", "scipy.signal"): SLOW,

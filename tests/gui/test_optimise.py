@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 from PIL import Image
 
 import holoview as hv
@@ -24,7 +26,7 @@ from holoview.viewer.document.optimisation_job import (
     start_live_optimisation,
 )
 from tests.gui.conftest import Gui
-from tests.patience import wait_until
+from tests.patience import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.gpu
 
@@ -68,6 +70,45 @@ def test_optimise_is_followed_kept_and_taken_back(gui: Gui) -> None:
     assert job.status == "done" and gui.session.drive is not old
     gui.press_chord("Ctrl+Z")
     assert gui.session.drive is old
+
+
+def test_from_the_first_second_one_sees_the_target_and_what_is_prepared(
+    make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl+Enter brings the panel to the front; the target is on the image until the first picture is."""
+    gui = make_gui(size=(1024, 700))
+    pixels = np.full((64, 96, 3), 90, np.uint8)
+    pixels[16:48, 24:72] = 230
+    gui.session.edit("Target", target_spec=target_from_pixels(pixels, "square"))
+    gui.draw_until_idle()
+    gui.context.show_panel("Files")
+    gui.draw_frames(3)
+    goes_on = Event()
+    monkeypatch.setattr("holoview.holograms.optimise.parallel.resolve_torch_device", _held(goes_on, "cpu"))
+    _choose(gui, iterations=4)
+    gui.press_chord("Ctrl+Enter")
+    job = running_optimisation(gui.session)
+    assert job is not None
+    _until(gui, lambda: job.note == "building the target" and gui.session.target_at() is not None)
+    gui.draw_frames(3)
+    assert job.step.startswith("building the target … ") and job.step.endswith(" s")
+    shown = gui.context.displayed_pixels()
+    assert shown is not None
+    middle, edge = shown[len(shown) // 2, shown.shape[1] // 2], shown[len(shown) // 2, 20]
+    assert (middle.astype(int) - edge > 100).all(), "a bright square, which random patterns don't show"
+    assert imgui.internal.find_window_by_name("Optimise").dock_node.visible_window.name == "Optimise", "in front"
+    goes_on.set()
+    _until(gui, lambda: not job.is_active)
+
+
+def _held(goes_on: Event, result: str) -> Callable[[str], str]:
+    """A function that returns something when it may."""
+
+    def hold(_: str) -> str:
+        assert goes_on.wait(PATIENCE_S)
+        return result
+
+    return hold
 
 
 def test_cancel_leaves_the_old_patterns(gui: Gui) -> None:

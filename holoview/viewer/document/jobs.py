@@ -23,7 +23,8 @@ class Cancelled(Exception):
 class JobControl:
     """The interface between a job and the work it runs: progress in one direction, pause and cancel in the other.
 
-    done, total: progress in any unit; total is 0 while it is unknown. paused_s: the time spent paused so far.
+    done, total: progress in any unit; total is 0 while it is unknown. paused_s: the time spent paused so far. noted_s:
+    when the present note was first reported.
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
@@ -31,11 +32,13 @@ class JobControl:
         self._may_run, self._is_cancelled = threading.Event(), threading.Event()
         self._may_run.set()
         self.done, self.total, self.note = 0.0, 0.0, ""
-        self.paused_s = 0.0
+        self.paused_s, self.noted_s = 0.0, time.monotonic()
 
     def report(self, done: float, total: float, note: str = "") -> None:
         """Reports progress, then does as `check`."""
         shown = self._shown
+        if note != self.note:
+            self.noted_s = time.monotonic()
         self.done, self.total, self.note = done, total, note
         if self._shown != shown:  # a window in software takes longer to draw than many a step
             self._wake()
@@ -108,6 +111,11 @@ class BackgroundJob:
     def note(self) -> str:
         """The last report of the work, in words."""
         return self.control.note
+
+    @property
+    def step(self) -> str:
+        """What the work does now, and for how many seconds it has done so."""
+        return f"{self.note or 'beginning'} … {time.monotonic() - self.control.noted_s:.0f} s"
 
     @property
     def seconds_left(self) -> float | None:

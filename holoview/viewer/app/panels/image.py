@@ -20,8 +20,9 @@ from holoview.viewer.app.readout import (
 )
 from holoview.viewer.app.viewport import PlaneSheet, Viewport, pane_count, zoom_to_fit
 from holoview.viewer.document.focus_edits import eyebox_half_m, focus_on, step_focus
+from holoview.viewer.document.optimisation_job import OptimisationJob, running_optimisation
 from holoview.viewer.render.scene import DeviceImage
-from holoview.viewer.render.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
+from holoview.viewer.render.view_settings import DERIVED_PAGES, TARGET, ViewSettings, displayed_side
 
 _ZOOM_PER_NOTCH = 1.25  # of the wheel
 _MAX_ZOOM, _MIN_ZOOM = 64.0, 0.05
@@ -43,6 +44,7 @@ class ImagePanel(Panel):
 
     def __init__(self) -> None:
         self._drag_start: tuple[float, float] | None = None
+        self._seen_job: OptimisationJob | None = None  # whose picture has been shown
         self._drags_wipe = self._drags_cursor = self.shows_b = False
 
     def set_up(self, context: AppContext) -> None:
@@ -71,11 +73,24 @@ class ImagePanel(Panel):
             else context.side_renderers.picture(displayed_side(view))
         )
         b = context.side_renderers.picture(view.b) if is_compared else None
+        if view.page == "image" and not is_compared and self._awaits_optimised_picture(context):
+            target = context.side_renderers.picture(TARGET)
+            a = a if target is None else target
         if a is None:
             draw_centred_text(waiting_text(context, view), size)
         else:
             self._draw_picture(context, a, b, view, size, corner)
         draw_readout(context, None if a is None else self._under_pointer())
+
+    def _awaits_optimised_picture(self, context: AppContext) -> bool:
+        """Whether an optimisation runs of which there is no picture yet; until then its target is shown."""
+        job = running_optimisation(context.session)
+        if job is None or job is self._seen_job:
+            return False
+        if context.session.preview_document is not None and context.side_renderers.now.follows:
+            self._seen_job = job
+            return False
+        return True
 
     def _draw_sheet(self, context: AppContext, size: tuple[int, int]) -> None:
         chosen = self._plane_sheet.draw(context, size)
@@ -111,6 +126,9 @@ class ImagePanel(Panel):
             self._draw_pupil(context)
         if view.page == "image":
             self._draw_marks(view, draw_list)
+        job = running_optimisation(context.session)
+        if job is not None and job is not self._seen_job and view.page == "image" and b is None:
+            draw_label(draw_list, f"target   {job.step}", imgui.ImVec2(corner.x + 8, corner.y + 6))
         if a.is_quick and view.page == "image":
             badge = "quick image"
             left = self.picture.end.x - imgui.calc_text_size(badge).x - 8

@@ -26,7 +26,15 @@ from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import number_field
-from holoview.viewer.app.widgets import combo, command_button, room_for_labels, share_of_width, tooltip
+from holoview.viewer.app.widgets import (
+    combo,
+    command_button,
+    pale,
+    room_for_labels,
+    share_of_width,
+    tooltip,
+    wrapped_text,
+)
 from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
 from holoview.viewer.document.focus_edits import focus_range_m
 from holoview.viewer.document.optimisation_job import (
@@ -55,6 +63,9 @@ class OptimisePanel(Panel):
     title = "Optimise"
     dock = "Low right"
 
+    def __init__(self) -> None:
+        self._step = ""  # of an optimisation that prepares, as it was drawn last
+
     def set_up(self, context: AppContext) -> None:
         """Adds the commands."""
         add = partial(context.commands.add, "Optimise")
@@ -77,6 +88,8 @@ class OptimisePanel(Panel):
         if context.session.system.is_field:
             imgui.text_wrapped("A field has no patterns to optimise. Open a preset to find patterns for a picture.")
             return
+        job = running_optimisation(context.session)
+        self._step = "" if job is None else job.step
         with room_for_labels("brightness", "colour error", "rows, columns"):
             self._draw_all(context)
 
@@ -91,9 +104,15 @@ class OptimisePanel(Panel):
         if shown is not None and len(shown.progress) > 1:
             _draw_plot(shown)
 
+    def has_changed(self, context: AppContext) -> bool:
+        """While an optimisation prepares, the seconds pass."""
+        job = running_optimisation(context.session)
+        return job is not None and job.latest is None and job.step != self._step
+
     def start(self, context: AppContext) -> None:
-        """Starts an optimisation with the chosen settings."""
+        """Starts an optimisation with the chosen settings, and brings this panel to the front."""
         session = context.session
+        context.show_panel(self.title)
         context.attempt(
             lambda: start_optimisation(session, chosen_optimisation(session.optimisation_choices, session.system))
         )
@@ -170,11 +189,11 @@ def _draw_progress(context: AppContext, job: OptimisationJob) -> None:
     imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else text)
     latest = job.latest
     if latest is None:
-        imgui.text_disabled(job.note)
+        wrapped_text(job.step, pale())
     else:
         of_all = "" if isinstance(job, LiveOptimisationJob) else f" of {latest.iterations}"
-        imgui.text(f"{job.unit} {latest.iteration}{of_all}")
-        imgui.text(f"loss {latest.loss:.4g}   PSNR {latest.psnr_db:.2f} dB   best {latest.best_psnr_db:.2f} dB")
+        imgui.text_wrapped(f"{job.unit} {latest.iteration}{of_all}   loss {latest.loss:.4g}")
+        imgui.text_wrapped(f"PSNR of all planes {latest.psnr_db:.2f} dB, best {latest.best_psnr_db:.2f} dB")
     width = share_of_width(3)
     command_button(context, _PAUSE, "Go on" if job.status == "paused" else "Pause", width=width)
     imgui.same_line()
@@ -188,7 +207,9 @@ def _draw_plot(job: OptimisationJob) -> None:
     decibels = np.array([progress.best_psnr_db for progress in job.progress])
     low, high = float(decibels.min()), float(decibels.max())
     first, last = map(float, job.progress_range)
-    with plots.plot("psnr", job.unit, "best PSNR (dB)", (first, last), (low - 0.5, high + 0.5)) as is_open:
+    with plots.plot(
+        "psnr", job.unit, "best PSNR, all planes (dB)", (first, last), (low - 0.5, high + 0.5)
+    ) as is_open:
         if is_open:
             plots.line("##best", iterations, decibels, theme.signal_colour("accent"))
 
