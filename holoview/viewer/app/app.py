@@ -19,8 +19,9 @@ from holoview.light.gpu.device import Device
 from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.util.processes import are_same
+from holoview.util.text import printable
 from holoview.viewer.app import theme
-from holoview.viewer.app.context import AppContext, Rect
+from holoview.viewer.app.context import AppContext, Command, Rect
 from holoview.viewer.app.panel import DrawGuard, GuardedPanel, Panel
 from holoview.viewer.app.panels import ALL
 from holoview.viewer.app.readout import add_score_commands
@@ -110,6 +111,7 @@ class App:
         self.session.poll()
         self.context.received_fields.poll()
         self.context.wants_measurement, self.context.picture_place = False, None
+        self.window.set_title(window_title(self.session))
         self._take_keys()
         for guarded in self.panels:
             if guarded.panel.wants_to_open(self.context):
@@ -408,6 +410,11 @@ class Toasts:
         return top
 
 
+def window_title(session: EditingSession) -> str:
+    """The name of the file, with a star before it while there is work that no file has."""
+    return f"{'*' if session.has_unsaved_work else ''}{printable(session.document.title)} – holoview"
+
+
 # --- menus ---
 
 
@@ -421,16 +428,40 @@ def draw_menus(context: AppContext) -> None:
         if not commands or not imgui.begin_menu(group):
             continue
         if group == "File":
-            _draw_open(context)
-        for command in commands:
-            keys = command.keys[0].text if command.keys else ""
-            if imgui.menu_item(command.name, keys, False, command.is_enabled())[0]:
-                context.attempt(command.action)
-            tooltip(command.help)
+            _draw_file_menu(context, commands)
+        else:
+            _draw_items(context, commands)
         imgui.end_menu()
     if imgui.begin_menu("Window"):
         _draw_windows(context)
         imgui.end_menu()
+
+
+def _draw_items(context: AppContext, commands: Iterable[Command]) -> None:
+    for command in commands:
+        keys = command.keys[0].text if command.keys else ""
+        if imgui.menu_item(command.name, keys, False, command.is_enabled())[0]:
+            context.attempt(command.action)
+        tooltip(command.help)
+
+
+def _draw_file_menu(context: AppContext, commands: Sequence[Command]) -> None:
+    """Open, save, export, the rest, quit: the order of other programs."""
+    saves = [command for command in commands if command.name.startswith("Save ")]
+    first, last = ("Open…", "Save hologram…"), ("Quit",)
+    rest = [command for command in commands if command not in saves and command.name not in first + last]
+    _draw_items(context, [command for command in commands if command.name == "Open…"])
+    _draw_open(context)
+    imgui.separator()
+    if saves:
+        _draw_items(context, [command for command in saves if command.name in first])
+        if imgui.begin_menu("Export"):
+            _draw_items(context, [command for command in saves if command.name not in first])
+            imgui.end_menu()
+        imgui.separator()
+    _draw_items(context, rest)
+    imgui.separator()
+    _draw_items(context, [command for command in commands if command.name in last])
 
 
 def _draw_open(context: AppContext) -> None:
@@ -446,7 +477,6 @@ def _draw_open(context: AppContext) -> None:
                 context.attempt(context.loader.open, path)
             tooltip(str(path))
         imgui.end_menu()
-    imgui.separator()
 
 
 def _draw_windows(context: AppContext) -> None:

@@ -41,13 +41,14 @@ class Window:
     a frame is drawn, however slow the machine is); measured when None. Call `open` once before
     the first frame and `close` at the end: a process has one ImGui window at a time.
 
-    draw_s: time that drawing the last frame took on the CPU. error: the exception that ended the last frame, or None.
+    title: what is written above it. draw_s: time that drawing the last frame took on the CPU. error: the exception that
+    ended the last frame, or None.
     """
 
     def __init__(self, canvas: Any, device: Device, *, frame_s: float | None = None) -> None:
         self.canvas, self.device = canvas, device
         self._params = hello_imgui.RunnerParams()
-        self.draw_s = 0.0
+        self.title, self.draw_s = "", 0.0
         self.closed = False
         self.error: BaseException | None = None
         self._frame_s, self._last = frame_s, time.perf_counter()
@@ -96,6 +97,12 @@ class Window:
             self._rested = rested
             return True
         return imgui.get_io().want_text_input and now - self._last > _BLINK_S
+
+    def set_title(self, title: str) -> None:
+        """Writes a title above the window, if it is another one."""
+        if title != self.title:
+            self.title = title
+            self.canvas.set_title(title)
 
     def request_close(self) -> None:
         """Closes the window after the present frame."""

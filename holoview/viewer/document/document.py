@@ -56,6 +56,12 @@ class Document:
         object.__setattr__(self, "view_settings", view)
 
     @property
+    def title(self) -> str:
+        """The name of its file, else of its target's picture, else of its bench."""
+        target = "" if self.target_spec is None else self.target_spec.title
+        return self.path.name if self.path is not None else target or self.system.name or "hologram"
+
+    @property
     def scene(self) -> Scene:
         """The scene from which the image is rendered."""
         return Scene(self.system, self.drive, self.view_settings.plane_m)

@@ -92,6 +92,7 @@ class EditingSession:
     def _set_up(self, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None]) -> None:
         self.wake, self.version, self.save_problem, self.fits_exposure = wake, 0, "", False
         self._history, self._looks, self._snapshots = history, LookHistory(), dict(snapshots)
+        self._saved = history.present if len(history.steps) == 1 else None
         self._choices = OptimisationChoices()
         self._presets: dict[Hashable, Scene] = {}
         self._inbox, self._listeners = CallQueue(), Listeners()
@@ -128,6 +129,16 @@ class EditingSession:
     def target_spec(self) -> TargetSpec | None:
         """The document's target specification."""
         return self.document.target_spec
+
+    def mark_saved(self) -> None:
+        """States that patterns and bench are in a file as they are now."""
+        self._saved = self.document
+
+    @property
+    def has_unsaved_work(self) -> bool:
+        """Whether patterns or bench are others than in the file, or than at the start where there is none."""
+        kept, now = self._saved, self.document
+        return kept is None or kept.drive is not now.drive or kept.system != now.system
 
     @property
     def displayed_document(self) -> Document:

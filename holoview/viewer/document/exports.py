@@ -343,6 +343,7 @@ def save_hologram(session: EditingSession, path: Path) -> None:
     document, file = session.document, with_default_suffix(path, ".safetensors")
     Hologram(document.drive, document.system).save(file)
     session.edit("Save", path=file, undoable=False)
+    session.mark_saved()
     session.messages.post(f"hologram written to {file}")
 
 

@@ -78,6 +78,7 @@ def show_example(session: EditingSession) -> None:
     fields = _example_fields()
     view = session.view_settings.with_(plane_m=middle_plane(fields["system"]), exposure_stops=0.0)
     session.edit("Open the still life", **fields, view_settings=view, path=None)
+    session.mark_saved()
 
 
 def shows_example(session: EditingSession) -> bool:
@@ -219,6 +220,7 @@ class FileLoader:
             path=path,
             recorded=content.recorded,
         )
+        session.mark_saved()
         session.fits_exposure = content.kind == "field"
         if is_preset and target_spec is not None:
             session.messages.post(random_patterns_hint(target_spec))

@@ -166,7 +166,9 @@ class FilesPanel(Panel):
         self.dialog.ask(FileRequest("Live target from a film or folder", SUFFIXES, use, takes_folders=True))
 
     def _save(self, context: AppContext, save: _Save) -> None:
-        name = f"{plain_name(context.session.system.name, 'hologram')}{save.suffixes[0]}"
+        session = context.session
+        of = session.system.name if save.suffixes == (".toml",) else Path(session.document.title).stem
+        name = f"{plain_name(of, 'hologram')}{save.suffixes[0]}"
         self.dialog.ask(FileRequest(save.name, save.suffixes, save.write, name, is_save=True))
 
 
