@@ -13,7 +13,7 @@ from holoview.holograms.metrics.perceptual_scores import PERCEPTUAL_SCORES, inst
 from holoview.util.text import printable
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.widgets import pale, tooltip, wrapped_text
-from holoview.viewer.document.measurements import ImageScore, image_psnr_db, sample_pixel
+from holoview.viewer.document.measurements import ImageScore, difference_db, image_psnr_db, sample_pixel
 from holoview.viewer.render.page_images import SeenField
 from holoview.viewer.render.view_settings import DERIVED_PAGES, NOW, TARGET, ViewSettings, displayed_side
 
@@ -106,8 +106,11 @@ def _offer_next_score(context: AppContext, view: ViewSettings) -> None:
 
 def _scores_text(context: AppContext) -> str:
     """PSNR of the displayed plane and the chosen score beside it; empty without a target, and until it is measured."""
-    if displayed_side(context.session.view_settings) != NOW:
+    view = context.session.view_settings
+    if displayed_side(view) != NOW:
         return ""
+    if view.compare != "off" and view.b not in (NOW, TARGET):
+        return _difference_text(context, view)
     xyz = context.side_renderers.xyz(NOW)
     target = None if xyz is None else context.session.target_at()
     if xyz is None or target is None:
@@ -120,6 +123,13 @@ def _scores_text(context: AppContext) -> str:
         value = context.live_score.get(xyz, target, ImageScore(name, density))
         text += "" if value is None else f"   {PERCEPTUAL_SCORES[name].format(value)}"
     return text
+
+
+def _difference_text(context: AppContext, view: ViewSettings) -> str:
+    """How alike both sides of a comparison are; empty until both are computed, and for images of different sizes."""
+    a, b = context.side_renderers.xyz(NOW), context.side_renderers.xyz(view.b)
+    psnr_db = None if a is None or b is None else context.live_psnr.get(a, b, difference_db)
+    return "" if psnr_db is None else f"   PSNR of A to B {psnr_db:.1f} dB"
 
 
 # --- Texts in the image panel: names of the compared sides, and what is shown while there is no image ---

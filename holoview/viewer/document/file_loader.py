@@ -49,7 +49,7 @@ from holoview.viewer.document.target_builder import TargetSpec, example_target
 from holoview.viewer.page.link import shown_by_link, split_link
 from holoview.viewer.page.page import is_page, read_page
 from holoview.viewer.render.scene import Drive
-from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
+from holoview.viewer.render.view_settings import NOW, SPECKLE_EXPOSURE_STOPS, ComparisonSide, ViewSettings
 
 EXAMPLE_PRESET = "holochrome-8"
 _ORIGIN = "shipped hologram of the still life"
@@ -221,9 +221,22 @@ class FileLoader:
             recorded=content.recorded,
         )
         session.mark_saved()
+        self._set_beside(content)
         session.fits_exposure = content.kind == "field"
         if is_preset and target_spec is not None:
             session.messages.post(random_patterns_hint(target_spec))
+
+    def _set_beside(self, content: FileContent) -> None:
+        """Pins the other holograms as snapshots, and shows the first of them beside the one that was opened."""
+        session = self._session
+        for other in reversed(content.others):
+            system = other.system or session.system
+            assert other.drive is not None
+            origin = f"{other.kind} {other.title}"
+            document = replace(session.document, system=system, drive=other.drive, origin=origin, path=other.path)
+            beside = ComparisonSide("snapshot", session.pin(other.title, document))
+        if content.others:
+            session.edit_view("Side by side", a=NOW, b=beside, compare="side-by-side", page="image")
 
     def _set_target(self, target_spec: TargetSpec) -> None:
         """Sets a new target; the patterns change only if a quick optimisation starts."""
@@ -333,7 +346,7 @@ class FileContent:
     kind: "hologram", "page", "preset", "patterns", "picture", "stack", "pupil path" or "field".
     plane_m: the focal plane that it is to be shown at; None for that of the viewer.
     region: the measured region that it is to be shown with; None likewise.
-    recorded: the recording that a field is cut out of.
+    recorded: the recording that a field is cut out of. others: what is to be shown beside it.
     """
 
     kind: str
@@ -347,6 +360,7 @@ class FileContent:
     region: Region | None = None
     notes: tuple[str, ...] = field(default=())
     recorded: Recorded | None = None
+    others: tuple[FileContent, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -389,6 +403,9 @@ def read_content(
     open_field = partial(_field, progress=progress, most_samples=most_samples)
     if request is not None:
         return open_field(paths, request)
+    if len(paths) > 1 and all(map(_is_whole, paths)):
+        first, *others = (_file(path, system, open_field) for path in paths)
+        return replace(first, others=tuple(others))
     if len(paths) > 1:
         return _patterns(paths, system)
     path = paths[0]
@@ -400,6 +417,11 @@ def read_content(
     if path.is_dir():
         return _folder(path, system)
     return _file(path, system, open_field)
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file is a hologram or a bench, and no part of one."""
+    return path.suffix == ".toml" or format_of(path) in ("holoview-hologram", "holoview-field")
 
 
 def _file(path: Path, system: System, open_field: Callable[[list[Path], ReadRequest], FileContent]) -> FileContent:

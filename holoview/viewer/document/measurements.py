@@ -346,6 +346,11 @@ def image_psnr_db(xyz: Image, target: Image) -> float:
     return psnr_linear_srgb(xyz_to_linear_srgb(xyz), target).mean_db
 
 
+def difference_db(xyz: Image, other_xyz: Image) -> float:
+    """How alike two images XYZ (y, x, 3) are: the PSNR (dB) of one to the other, both clipped to a screen's range."""
+    return psnr_linear_srgb(xyz_to_linear_srgb(xyz), xyz_to_linear_srgb(other_xyz)).mean_db
+
+
 @dataclass(frozen=True)
 class ImageScore:
     """A perceptual score of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB.
