@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import re
+import time
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.nav import Navigation
 from mkdocs.structure.pages import Page
 
 from docs._hooks import links, live, reference, repository
@@ -16,6 +19,30 @@ _LOADED = re.compile(
     rf"<(?:script|img|iframe|source)\b[^>]*\bsrc={_HOST}"
     rf'|<link\b[^>]*\brel="(?:stylesheet|preconnect|preload)"[^>]*\bhref={_HOST}'
 )
+
+
+_LOG = logging.getLogger("mkdocs.hooks.build")
+_REPORT_S = 3.0  # between two lines of progress
+
+
+class _Progress:
+    """Says now and then how many of the pages are built: reading all modules takes minutes."""
+
+    def __init__(self, total: int) -> None:
+        self._done, self._total, self._said_s = 0, total, time.monotonic()
+
+    def page(self, name: str) -> None:
+        """Counts a page that is going to be built."""
+        self._done += 1
+        if time.monotonic() - self._said_s >= _REPORT_S:
+            self._said_s = time.monotonic()
+            _LOG.info("page %d of %d: %s", self._done, self._total, name)
+
+
+def on_nav(nav: Navigation, config: MkDocsConfig, files: Files) -> Navigation:
+    """Counts the pages."""
+    config.extra["progress"] = _Progress(len(files.documentation_pages()))
+    return nav
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -49,6 +76,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turns links to files of the repository into links between pages."""
+    config.extra["progress"].page(page.file.src_uri)
     if page.file.src_uri.startswith("reference/"):
         return markdown
     markdown = repository.rewritten(markdown, page.file.src_uri)

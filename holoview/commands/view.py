@@ -91,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
     serve_options = _serve_options(args)
     system = _system(args)
     names = [name for name in args.names if not _is_preset(name)]
+    names = list(args.names) if not names and len(args.names) > 1 else names  # benches beside each other
     request = request_from_args(args) if has_field_options(args) else None
     if request is not None and not names:
         check_no_field_options(args, "no file")
@@ -170,8 +171,9 @@ def _serve_options(args: argparse.Namespace) -> ServeOptions:
 def _system(args: argparse.Namespace) -> System:
     """The system to open: the preset among the names, else the rig's or the default one, with the options' changes."""
     presets = [name for name in args.names if _is_preset(name)]
-    if len(presets) > 1:
-        raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
+    if len(presets) > 1 and (args.changes or args.scheme is not None or len(presets) < len(args.names)):
+        expected = "one preset, or presets alone, which are shown beside each other"
+        raise UserError(presets[1], "a second preset", expected=expected, remedy="choose others in the window")
     if args.rig is not None and not args.names:
         from holoview.bench.experiment.rig_bench import read_rig_system  # slow start: only a rig needs it
 

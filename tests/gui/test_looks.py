@@ -222,7 +222,7 @@ def test_a_wrong_line_ends_the_command(tmp_path: Path, capsys: pytest.CaptureFix
     ("arguments", "complaint"),
     [
         (["nonsense"], "nonsense"),
-        (["holochrome-8", "simultaneous"], "second preset"),
+        (["holochrome-8", "simultaneous", "--set", "gap=3 mm"], "second preset"),
         (["--size", "10x10", "--offscreen"], "--size"),
         (["--script", "x"], "without --offscreen"),
         (["--offscreen"], "--screenshot"),

@@ -404,12 +404,12 @@ def read_content(
     if request is not None:
         return open_field(paths, request)
     if len(paths) > 1 and all(map(_is_whole, paths)):
-        first, *others = (_file(path, system, open_field) for path in paths)
+        first, *others = (read_content(path, system, None, progress, most_samples) for path in paths)
         return replace(first, others=tuple(others))
     if len(paths) > 1:
         return _patterns(paths, system)
     path = paths[0]
-    if str(names_list[0]) in preset.names() and not path.exists():
+    if _names_preset(path):
         return _preset(preset.load(path.name), path.name, None)
     page, state = split_link(path)
     if is_page(page):
@@ -419,9 +419,13 @@ def read_content(
     return _file(path, system, open_field)
 
 
+def _names_preset(path: Path) -> bool:
+    return str(path) in preset.names() and not path.exists()
+
+
 def _is_whole(path: Path) -> bool:
     """Whether a file is a hologram or a bench, and no part of one."""
-    return path.suffix == ".toml" or format_of(path) in ("holoview-hologram", "holoview-field")
+    return _names_preset(path) or path.suffix == ".toml" or format_of(path) in ("holoview-hologram", "holoview-field")
 
 
 def _file(path: Path, system: System, open_field: Callable[[list[Path], ReadRequest], FileContent]) -> FileContent:
