@@ -184,7 +184,7 @@ class OptimisationJob(BackgroundJob):
         pixels = f" with {factor} x {factor} pixels as one" if factor > 1 else ""
         plane = "" if plane_m is None else f" for {units.format_rounded(plane_m, 'mm')}"
         eyes = f" for {text}" if (text := self.request.eyes.description) else ""
-        origin = f"optimised{pixels}{plane}{eyes}, {state.iteration} iterations, PSNR {state.best_psnr_db:.1f} dB"
+        origin = f"optimised{pixels}{plane}{eyes}, {state.iteration} iterations"
         system = with_lasers_of(self.system, state.best.system)
         return replace(self.start_document, system=system, drive=drive, origin=origin, path=None)
 

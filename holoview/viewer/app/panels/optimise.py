@@ -207,7 +207,7 @@ def _draw_plot(job: OptimisationJob) -> None:
     decibels = np.array([progress.best_psnr_db for progress in job.progress])
     low, high = float(decibels.min()), float(decibels.max())
     first, last = map(float, job.progress_range)
-    with plots.plot("psnr", job.unit, "best PSNR, all planes (dB)", (first, last), (low - 0.5, high + 0.5)) as is_open:
+    with plots.plot("psnr", job.unit, "best PSNR (dB)", (first, last), (low - 0.5, high + 0.5)) as is_open:
         if is_open:
             plots.line("##best", iterations, decibels, theme.signal_colour("accent"))
 
