@@ -60,9 +60,11 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages that are made."""
     made = {**reference.modules(), reference.PYTHON: reference.python()}
+    _LOG.info("asking every command for its help …")
     made[reference.COMMAND_LINE] = reference.command_line()
     for page, text in made.items():
         files.append(File.generated(config, page, content=text))
+    _LOG.info("computing the live holograms …")
     for page, html in live.pages().items():
         files.append(File.generated(config, page, content=html))
     for path in repository.mirrored():
