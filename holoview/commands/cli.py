@@ -34,6 +34,7 @@ COMMANDS = {
     "effects": "list what benches do, and check an effect of your own",
     "conformance": "check the propagation of light on cases with known answers",
     "bench": "measure how fast frames and edits are, beside torch",
+    "sweep": "measure against any parameter, and find tolerances",
     "study": "make a figure of the paper again, with its numbers",
     "focus": "find the distance at which a hologram is sharpest",
     "point": "show the light at a point, along the axis, and where it is from",

@@ -61,6 +61,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser, "--jobs", is_shared=True, metavar="DIR", help="folder of finished jobs, which studies can share"
     )
     add_output_folder(parser, "-o", "--output", metavar="DIR", help="folder for the report; out/study-NAME")
+    add_workers(parser)
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Adds --workers and --scheduler; see `execution_target`."""
     parser.add_argument("--workers", metavar="N", default="1", help="processes of this machine that share the work")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler's address: tcp://host:8786")
 
@@ -78,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     scale = _scale(args, study)
     if args.live and not isinstance(study, HologramStudy):
         raise UserError("--live", f"with the study {study.name}", expected="a study that optimises holograms")
-    target = _execution_target(args)
+    target = execution_target(args)
     require_matplotlib(f"the report of the study {study.name}")
     folder = args.output or Path("out") / f"study-{study.name}"
     hold_outputs(args, [folder])
@@ -134,7 +139,8 @@ def _parse_shape(text: str) -> tuple[int, int]:
     return Shape().parse([int(rows), int(columns)], "--shape")
 
 
-def _execution_target(args: argparse.Namespace) -> ExecutionTarget:
+def execution_target(args: argparse.Namespace) -> ExecutionTarget:
+    """Where --workers and --scheduler let jobs run. Raises UserError for both, and for numbers out of range."""
     if not args.workers.isdecimal() or not 1 <= int(args.workers) <= _MAX_WORKERS:
         raise UserError("--workers", f'"{args.workers}"', expected=f"a number of processes from 1 to {_MAX_WORKERS}")
     if args.scheduler is not None and int(args.workers) > 1:

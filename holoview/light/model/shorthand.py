@@ -34,8 +34,8 @@ class SystemLike(Protocol):
     def observer(self) -> str: ...
 
 
-_MODULATOR_KEYS = ("pitch", "shape", "stroke", "levels")
-_SAMPLING_KEYS = ("upsample", "propagation", "padding")
+MODULATOR_KEYS = ("pitch", "shape", "stroke", "levels")
+SAMPLING_KEYS = ("upsample", "propagation", "padding")
 _FRAMES = Integer(1, 4096)
 _SEQUENCE = Array(Number(low=0.0, high=1.0), axes=2)
 _AMPLITUDES = Array(Number(low=0.0), axes=2)
@@ -86,11 +86,11 @@ def expand_edit(system: SystemLike, changes: Mapping[str, Any]) -> dict[str, Any
     if "gap" in changes and changes["gap"] is None and not any(key.startswith("relay1") for key in changes):
         out["relay1"] = {}
     for key, value in changes.items():
-        if key in _MODULATOR_KEYS:
+        if key in MODULATOR_KEYS:
             modulators = changes.get("modulators", system.modulators)
             count = len(modulators) if isinstance(modulators, list | tuple) else len(system.modulators)
             out |= {f"modulators.{i}.{key}": value for i in range(count)}
-        elif key in _SAMPLING_KEYS:
+        elif key in SAMPLING_KEYS:
             out[f"sampling.{key}"] = value
         else:
             out[key] = value
