@@ -129,8 +129,9 @@ def _parse_range(key: str, where: str, text: str, first: str, last: str, count: 
     if not low < high:
         raise UserError(where, f"{text} doesn't rise", expected=_EXPECTED, remedy=f"{last}:{first}:{count}")
     numbers = [float(f"{number:.12g}") for number in np.linspace(low, high, int(count))]  # without rounding errors
-    is_whole = not unit and isinstance(low, int) and isinstance(high, int) and all(n.is_integer() for n in numbers)
-    return Axis(key, tuple(map(int, numbers) if is_whole else numbers), unit, is_range=True)
+    counts = not unit and isinstance(low, int) and isinstance(high, int)
+    values = tuple(int(value) if counts and value.is_integer() else value for value in numbers)
+    return Axis(key, values, unit, is_range=True)
 
 
 def _split(text: str) -> list[str]:
