@@ -13,19 +13,24 @@ from typing import Any
 import numpy as np
 
 from holoview.commands.arguments import add_changes, add_effects
-from holoview.commands.console import print_json
+from holoview.commands.console import print_json, print_stderr
 from holoview.commands.hologram_files import NAMES_HELP, Shown, add_field_options, shown_by_args
-from holoview.commands.output_files import add_input
+from holoview.commands.output_files import add_input, add_output, check_files
 from holoview.holograms.optimise.memory import peak_bytes
 from holoview.holograms.view import simulate
 from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
 from holoview.light.model import preset
+from holoview.light.model.bench_drawing import draw_bench
 from holoview.light.model.derived_numbers import info_rows
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.plan import make_plan
 from holoview.light.model.validity import Light
+from holoview.util.drawing import as_png, as_svg
+from holoview.util.errors import UserError
+from holoview.util.file_writer import write_file
 
+_DRAWN = (".svg", ".png")
 _MOST_SUMMED = 1 << 24  # samples of all wavelengths and frames: about ten seconds
 _LEAST_TOLD = 5e-5  # a share that would be printed as 0.00 %
 
@@ -36,6 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_changes(parser)
     add_effects(parser, dest="switched_on")
     add_field_options(parser, has_plane=False)
+    add_output(parser, "--draw", metavar="FILE", suffix="", help="draw the bench, as .svg or .png")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="machine-readable output")
     form.add_argument("--toml", action="store_true", help="the whole preset, to start your own from")
@@ -43,8 +49,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the numbers under their headings, or as JSON, or the whole preset as TOML."""
+    if args.draw is not None and args.draw.suffix.lower() not in _DRAWN:
+        raise UserError(f"--draw {args.draw}", f'the suffix "{args.draw.suffix}"', expected=" or ".join(_DRAWN))
+    check_files(args, {"--draw": [args.draw]} if args.draw is not None else {})
     shown = shown_by_args(args)
     system = shown.system
+    if args.draw is not None:
+        drawing = draw_bench(system)
+        is_svg = args.draw.suffix.lower() == ".svg"
+        write_file(args.draw, as_svg(drawing).encode() if is_svg else as_png(drawing))
+        print_stderr(f"{args.draw}: the bench, its distances as written")
     if args.toml:
         print(preset.dumps(system), end="")
         return 0

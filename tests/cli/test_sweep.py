@@ -75,7 +75,7 @@ def test_a_point_has_the_numbers_that_contrast_optimise_and_render_print(holovie
     assert own["luminance"] == pytest.approx(plane["mean_luminance"], rel=1e-6)  # of f32 samples, summed in f32
     speckle = holoview("sweep", *BENCH, *arguments[:4], "--measure", "contrast", "-o", "random.csv")
     assert speckle.code == 0, speckle.err
-    at_point = (*BENCH, "--set", "frames=2", "--set", "gap=1mm")
+
     rendered = json.loads(
         holoview(
             "render", *BENCH, "--set", "frames=2", "--set", "gap=1mm", "--backend", "torch", "-o", "r.png", "--json"
