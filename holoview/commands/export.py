@@ -6,23 +6,36 @@ an observer sees at the focal planes as numbers: .exr, .npz, .tif or .npy. `--pn
 modulator. A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to the
 stroke; with `--levels` the number of its level, in rising order of optical path, which drivers call the state index;
 with `--cells p67` the memory cells of a device, black for 0 and white for 1 (`holoview.holograms.files.pictures`).
+patterns.json beside them says what every file is, and test.png shows on a camera whether patterns arrive unscaled and
+with all their levels.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.bench.captures.gratings import signal_pattern
 from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
 from holoview.commands.hologram_files import add_field_options, open_files
 from holoview.commands.output_files import add_input, add_output, add_output_folder, check_files
 from holoview.holograms.files.light_writer import check_light_suffix
-from holoview.holograms.files.pictures import CELL_MAPS, memory_cells, write_pattern, write_png
+from holoview.holograms.files.pattern_manifest import MANIFEST, PatternFile, pattern_manifest
+from holoview.holograms.files.pictures import (
+    CELL_MAPS,
+    PATH_PATTERN,
+    memory_cells,
+    pattern_pixels,
+    write_bmp,
+    write_png,
+)
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.targets.target import Placement, target_for
 from holoview.holograms.view import as_field, save, simulate
@@ -30,7 +43,7 @@ from holoview.light.model.bench_parts import Modulator
 from holoview.light.model.focus import parse_plane
 from holoview.light.optics.slm import level_numbers
 from holoview.util.errors import UserError
-from holoview.util.file_writer import make_folder
+from holoview.util.file_writer import make_folder, write_file
 from holoview.viewer.page.page import export_html
 
 
@@ -44,13 +57,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     form = parser.add_mutually_exclusive_group(required=True)
     add_output_folder(form, "--png", metavar="DIR", help="folder of patterns to write to; made if missing")
+    add_output_folder(form, "--bmp", metavar="DIR", help="the same as BMP, which drivers of modulators may want")
     add_output(form, "--html", metavar="HTML", suffix=".html", help="page to write, which any browser shows live")
     add_output(form, "--field", metavar="FILE", suffix=".safetensors", help="field file to write")
     add_output(
         form, "--light", metavar="FILE", suffix="", help="numbers of the planes to write: .exr, .npz, .tif, .npy"
     )
     _configure_page(parser.add_argument_group("with --html"))
-    _configure_patterns(parser.add_argument_group("with --png"))
+    _configure_patterns(parser.add_argument_group("with --png and --bmp"))
     add_field_options(parser)
 
 
@@ -92,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
         return _export_page(args)
     holograms = _opened(args)
     if len(holograms) > 1:
-        flag = next(f"--{name}" for name in ("png", "field", "light") if getattr(args, name) is not None)
+        flag = next(f"--{name}" for name in ("png", "bmp", "field", "light") if getattr(args, name) is not None)
         raise UserError(flag, f"{len(holograms)} holograms", expected="one", remedy="export them one by one")
     (_, hologram), *_ = holograms
     if args.field is not None:
@@ -108,9 +122,8 @@ def run(args: argparse.Namespace) -> int:
         print(args.light)
         return 0
     if hologram.system.is_field:
-        raise UserError(
-            "--png", "a field", expected="patterns of modulators", remedy="--html or --field writes a field"
-        )
+        flag, remedy = "--png" if args.bmp is None else "--bmp", "--html or --field writes a field"
+        raise UserError(flag, "a field", expected="patterns of modulators", remedy=remedy)
     return _export_patterns(args, hologram)
 
 
@@ -153,27 +166,52 @@ def _named(holograms: list[tuple[str, Hologram]]) -> dict[str, Hologram]:
 
 
 def _export_patterns(args: argparse.Namespace, hologram: Hologram) -> int:
-    """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames, and prints their paths."""
-    modulators = hologram.system.modulators
+    """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames, a test pattern and the manifest, and prints
+    their paths.
+    """
+    system, modulators = hologram.system, hologram.system.modulators
     flag = "--levels" if args.levels else "--cells" if args.cells else None
     if flag and any(modulator.levels is None for modulator in modulators):
         raise UserError(flag, "the modulators are continuous", expected="modulators with levels", remedy="leave it out")
     if args.cells:
         _check_cells(args.cells, modulators)
-    make_folder(args.png)
-    frames, texts = len(hologram.drive), {"holoview.preset": hologram.system.name}
+    folder, suffix = (args.png, ".png") if args.bmp is None else (args.bmp, ".bmp")
+    if suffix == ".bmp" and args.bits == 16:
+        raise UserError("--bits 16", "with --bmp, which has 8", expected="--png, or --bits 8")
+    meaning = "level number" if args.levels else f"memory cells of {args.cells}" if args.cells else "path"
+    make_folder(folder)
+    files: list[PatternFile] = []
     for frame, patterns in enumerate(hologram.drive):
         for number, (pattern, modulator) in enumerate(zip(patterns, modulators, strict=True), start=1):
-            path = args.png / (f"slm{number}.png" if frames == 1 else f"slm{number}-frame{frame}.png")
+            name = f"slm{number}" if len(hologram.drive) == 1 else f"slm{number}-frame{frame}"
             if args.levels:
-                write_png(path, _level_number_image(pattern, modulator), {"holoview.pattern": "level number", **texts})
+                pixels = _level_number_image(pattern, modulator)
             elif args.cells:
-                cells = memory_cells(_level_number_image(pattern, modulator), args.cells) * np.uint8(255)
-                write_png(path, cells, {"holoview.pattern": f"memory cells of {args.cells}", **texts})
+                pixels = memory_cells(_level_number_image(pattern, modulator), args.cells) * np.uint8(255)
             else:
-                write_pattern(path, pattern, args.bits, texts)
-            print(path)
+                pixels = pattern_pixels(pattern, args.bits)
+            files.append(_write_pattern(folder / f"{name}{suffix}", pixels, meaning, system.name, number, frame))
+    test = None
+    if not flag:
+        shown = signal_pattern(modulators[0].shape, args.bits)
+        test = _write_pattern(folder / f"test{suffix}", shown, "test of the signal", system.name)
+    manifest = pattern_manifest(system, meaning, args.bits, files, test)
+    write_file(folder / MANIFEST, json.dumps(manifest, indent=1))
+    print(folder / MANIFEST)
     return 0
+
+
+def _write_pattern(
+    path: Path, pixels: NDArray[np.uint8 | np.uint16], meaning: str, name: str, modulator: int = 0, frame: int = 0
+) -> PatternFile:
+    """Writes the pixels of a pattern, prints the path, and says what it wrote."""
+    if path.suffix == ".bmp":
+        write_bmp(path, pixels.astype(np.uint8))
+    else:
+        said = PATH_PATTERN if meaning == "path" else meaning
+        write_png(path, pixels, {"holoview.pattern": said, "holoview.preset": name})
+    print(path)
+    return PatternFile(path.name, modulator, frame, pixels.shape, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:

@@ -28,8 +28,9 @@ from holoview.bench.rig.camera_pictures import Settling, measure_settling, share
 from holoview.bench.rig.description import with_settle
 from holoview.bench.rig.devices import Counts, Devices, limit_devices
 from holoview.bench.rig.registration import register_devices, registration_path, write_registration
+from holoview.bench.rig.signal_check import SignalCheck, check_signals, signal_lines
 from holoview.commands.arguments import whole
-from holoview.commands.console import print_json, print_stderr, progress_bar
+from holoview.commands.console import EXIT_FAILED, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output, add_output_folder, hold_outputs
 from holoview.light.model.effects.registry import EffectTable
 from holoview.util import units
@@ -62,6 +63,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         command = commands.add_parser(name, help=summary, description=run_it.__doc__)
         add_input(command, "rig", metavar="RIG.toml", help="description of the rig")
         command.set_defaults(run=run_it)
+        if name == "test":
+            command.add_argument("--no-signal", action="store_true", help="don't show gratings")
         if name == "align":
             command.add_argument(
                 "--no-check", action="store_true", help="don't take captures afterwards to check their records"
@@ -141,7 +144,9 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _test(args: argparse.Namespace) -> int:
-    """Opens every device, takes a dark and a lit picture, and switches the lasers off."""
+    """Opens every device, takes a dark and a lit picture, checks by gratings that patterns arrive unscaled and with all
+    their levels, and switches the lasers off. Exits with 1 where they don't.
+    """
     rig = _read(args)
     with open_rig(rig) as devices:
         devices.lasers.switch_off()
@@ -150,8 +155,14 @@ def _test(args: argparse.Namespace) -> int:
         print(f"dark picture: {_counts(devices.camera.take())}")
         lit, exposure_s = _lit_picture(rig, devices, rig.limits.stage_m[0])
         print(f"lit picture at {exposure_s:.3g} s: {_counts(lit)}")
+        checks: tuple[SignalCheck, ...] = ()
+        if not args.no_signal:
+            with progress_bar("signals") as report:
+                checks = check_signals(rig, devices, report)
+    for line in (line for check in checks for line in signal_lines(check)):
+        print(line)
     print("all devices answer; the lasers are off")
-    return 0
+    return EXIT_FAILED if any(check.faults for check in checks) else 0
 
 
 def _read(args: argparse.Namespace) -> RigDescription:

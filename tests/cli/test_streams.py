@@ -98,7 +98,8 @@ def test_a_reader_that_goes_doesn_t_end_the_work(
     monkeypatch.setattr(sys, stream, _Broken(BrokenPipeError(32, "Broken pipe")))
     assert main(["optimise", "simultaneous", str(picture), *SMALL, "--iterations", "2", "-o", "h.safetensors"]) == 0
     assert main(["export", "h.safetensors", "--png", "out"]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"slm1.png", "slm2.png"}
+    written = {"slm1.png", "slm2.png", "test.png", "patterns.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == written
 
 
 def test_warnings_of_libraries_don_t_precede_the_message() -> None:

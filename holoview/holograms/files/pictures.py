@@ -89,13 +89,28 @@ def write_pattern(
 
     Raises UserError for other numbers of bits and for values outside 0…1.
     """
+    write_png(path, pattern_pixels(drive, bits), {"holoview.pattern": PATH_PATTERN} | dict(texts or {}))
+
+
+PATH_PATTERN = "0…max is 0…stroke"
+"""What a PNG says of a pattern whose grey levels stand for optical paths."""
+
+
+def pattern_pixels(drive: NDArray[np.floating], bits: int) -> NDArray[np.uint8 | np.uint16]:
+    """The grey levels (y, x), 0…maximum, of a drive in 0…1 of the stroke. Raises UserError as `write_pattern` does."""
     if bits not in (8, 16):
         raise UserError("bits", str(bits), expected="8 or 16")
     if not (drive.ndim == 2 and np.all((drive >= 0) & (drive <= 1))):
         raise UserError("drive", "values outside 0…1, or not (y, x)", expected="fractions of the modulator's stroke")
     levels = np.rint(drive.astype(np.float64) * (2**bits - 1))
-    pixels = levels.astype(np.uint8) if bits == 8 else levels.astype(np.uint16)
-    write_png(path, pixels, {"holoview.pattern": "0…max is 0…stroke"} | dict(texts or {}))
+    return levels.astype(np.uint8) if bits == 8 else levels.astype(np.uint16)
+
+
+def write_bmp(path: str | os.PathLike[str], pixels: NDArray[np.uint8]) -> None:
+    """Writes grey pixels (y, x) of 8 bits as BMP, atomically. Raises UserError when the file can't be written."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, format="BMP")
+    write_file(path, buffer.getbuffer())
 
 
 def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArray[np.float32]:

@@ -62,10 +62,10 @@ def parts_of_bench(system: System) -> tuple[Part, ...]:
         return (*parts, Part("observer", "observer", (system.observer,), "observer"))
     parts.append(Part("lens", "eyepiece", (f"f = {units.format_rounded(eye.eyepiece_m, 'mm')}",), "eye.eyepiece"))
     pupil = eye.pupil_m if isinstance(eye.pupil_m, str) else units.format_rounded(eye.pupil_m, "mm")
-    place = [f"{units.format_rounded(place_m, 'mm')} {way}" for place_m, way in (
+    places = [f"{units.format_rounded(place_m, 'mm')} {way}" for place_m, way in (
         (eye.pupil_x_m, "to the right"), (eye.pupil_y_m, "down")) if place_m]  # fmt: skip
     who = [] if system.observer == "eye" else [system.observer]
-    return (*parts, Part("eye", "eye", (f"pupil {pupil}", *place, *who), "eye"))
+    return (*parts, Part("eye", "eye", (f"pupil {pupil}", *places, *who), "eye"))
 
 
 def _lasers(system: System) -> Part:

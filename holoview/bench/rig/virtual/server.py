@@ -29,6 +29,10 @@ or in rig.toml:
     repeated = 0.01               # the picture before, again: a trigger was dropped
     disconnect = 0.001            # of all messages: the connection is cut
     power_off = 0.001             # of all messages: everything goes dark at once
+    [signal]                      # what becomes of patterns on their way; see `virtual.signal_faults`
+    scale = 1.25                  # shown at 125 %
+    range = "clipped"             # or "compressed": limited range, 16 to 235
+    bits = 6                      # that arrive
     [placement]                   # how modulators and camera are turned: one of `captures.dataset: ORIENTATIONS`
     slm1 = "rotate_180"           # the picture on modulator 1 arrives on the bench turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
@@ -62,8 +66,9 @@ from holoview.bench.captures.virtual_measurement import Nuisances, jittered_effe
 from holoview.bench.rig.description import RigDescription, read_rig
 from holoview.bench.rig.devices import Counts, Levels
 from holoview.bench.rig.virtual.client import Connection, Disconnected, Message
+from holoview.bench.rig.virtual.signal_faults import SignalFaults
 from holoview.light.model.effects.registry import ActiveEffects, EffectTable, EffectValues
-from holoview.light.model.fields import Integer, Number, described_field, from_mapping, validate
+from holoview.light.model.fields import Integer, Nested, Number, described_field, from_mapping, validate
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text
@@ -147,6 +152,7 @@ class VirtualSettings:
     power_drift: float = described_field(_SHARE, "of the power's logarithm, after an hour", default=0.0)
     laser_log: str | None = described_field(LaserLogName(), "notes each switching of a laser", default=None)
     faults: FaultSettings = described_field(FaultTable(), "of devices at random moments", default=FaultSettings())
+    signal: SignalFaults = described_field(Nested(SignalFaults), "of patterns on their way", default=SignalFaults())
 
     def __post_init__(self) -> None:
         validate(self)
@@ -259,7 +265,7 @@ class VirtualBench:
             raise UserError(f"slm{slm + 1}", f"a pattern of shape {levels.shape}", expected=expected)
         if int(levels.max()) >= num_levels:
             raise UserError(f"slm{slm + 1}", f"level {int(levels.max())}", expected=f"0 to {num_levels - 1}")
-        own = levels.astype(_levels_type(num_levels))
+        own = self._settings.signal.arrived(levels.astype(_levels_type(num_levels)), num_levels)
         self._shown[slm] = _Shown(own, self.levels_now(slm), self.time_s)
 
     def levels_now(self, slm: int) -> NDArray[np.float64]:
