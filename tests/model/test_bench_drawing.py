@@ -130,3 +130,9 @@ def test_hostile_names_are_text_in_an_svg() -> None:
     root = ElementTree.fromstring(as_svg(draw_bench(system)))
     assert not list(root.iter("{http://www.w3.org/2000/svg}script"))
     assert Image.open(io.BytesIO(as_png(draw_bench(system)))).size[0] > 100
+
+
+@pytest.mark.parametrize(("file", "changes"), [("bench-drawn", {"relay1.iris_na": 0.03}), ("bench-eye", {"eye": {}})])
+def test_the_manual_shows_what_is_drawn_today(file: str, changes: dict[str, object]) -> None:
+    shown = Path(__file__).parents[2] / "docs" / "images" / f"{file}.svg"
+    assert shown.read_text(encoding="utf-8") == as_svg(draw_bench(preset.load("holochrome-8").edit(changes)))
