@@ -2,8 +2,8 @@
 optimiser.
 
 `--set KEY=FIRST:LAST:COUNT` and `--set KEY=A,B,…` say what is swept, every combination of them; `--set KEY=VALUE`
-changes the bench at every point. Keys are those of presets, `effects.NAME.KEY=…`, and `optimiser.KEY=…`. A hologram, or the
-random patterns of a preset, is shown as it is, or with `--optimise N` found anew at every point. `--tolerance
+changes the bench at every point. Keys are those of presets, `effects.NAME.KEY=…`, and `optimiser.KEY=…`. A hologram, or
+the random patterns of a preset, is shown as it is, or with `--optimise N` found anew at every point. `--tolerance
 psnr=0.5dB` finds how far each parameter may be off, and the worst pairs.
 """
 

@@ -598,6 +598,31 @@ def measures(rng: Random) -> Case:
     return Case("measured numbers", f"{kind}: {shown!r}", lambda folder: write(folder, files), arguments)
 
 
+_KEYS = ("planes", "frames", "pitch", "stroke", "shape", "levels", "name", "observer", "effects", "eye.pupil", "gap")
+_KEYS += ("relay2.iris_na", "effects.stroke.stroke_error", "effects.distance.distance_error", "optimiser.iterations")
+_KEYS += ("optimiser.eyebox", "optimiser.nosuch", "nosuch", "", "modulators.0.pitch", "a" * 5000, "x." * 500)
+_ENDS = (*HOSTILE, "1", "3", "-1", "2.5", "1mm", "3mm", "5um", "0.1mrad", "1D", "1kg", "[1,2]", "{", '"', "a:b", "1,,")
+_RANGES = ("1mm:3mm:3", "0:0.1:2", "1,2", "5um:9um:2", "800nm,900nm", "0:1um:2", "[12,16],[16,16]", "2,4", "-0.1:0.1:3")
+_TOLERANCES = ("psnr=1dB", "light=1%", "contrast=1e-9", "psnr=nan", "=", "psnr=1e400", "nosuch=1", "psnr=" + "9" * 400)
+
+
+def sweeps(rng: Random) -> Case:
+    """Parameters, ranges, lists, measures and tolerances of a sweep that no bench has."""
+    changes = []
+    for _ in range(int(rng.integers(1, 3))):
+        count = int(rng.integers(1, 5))
+        text = chosen(rng, (":", ",", ":", ";")).join(chosen(rng, _ENDS) for _ in range(count))
+        text = chosen(rng, _RANGES) if rng.random() < 0.6 else text
+        changes.append(f"--set={chosen(rng, _KEYS)}={text}")
+    more = [f"--measure={chosen(rng, ('light', 'contrast,eyebox', 'psnr', 'nosuch', '', 'light,' * 500))}"]
+    more += [f"--tolerance={chosen(rng, _TOLERANCES)}"] if rng.random() < 0.3 else []
+    more += [f"--region={chosen(rng, _VALUES)}"] if rng.random() < 0.2 else []
+    more += [f"--plane={chosen(rng, _VALUES)}"] if rng.random() < 0.2 else []
+    arguments = ("sweep", "bench.toml", "-o", "s.csv", *changes, *more)
+    shown = " ".join(text[:30] for text in arguments[4:])
+    return Case("sweeps", shown[:120], lambda folder: write(folder, {"bench.toml": BENCH.encode()}), arguments)
+
+
 def _profile() -> bytes:
     return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
@@ -614,6 +639,7 @@ FAMILIES: dict[str, Maker] = {
     "hostile pages": pages,
     "pushed fields": pushes,
     "measured numbers": measures,
+    "sweeps": sweeps,
 }
 """Each family of hostile files, with what draws one of its cases."""
 

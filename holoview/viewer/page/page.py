@@ -30,9 +30,11 @@ from holoview.holograms.metrics.speckle import speckle_contrast, target_luminanc
 from holoview.holograms.targets.focal_stack import Target
 from holoview.holograms.view import View, simulate
 from holoview.light.colour import COLOUR_SPACES, SRGB_TO_XYZ, XYZ_TO_SRGB, fitting_stops, to_srgb8
+from holoview.light.model.bench_drawing import draw_bench
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
+from holoview.util.drawing import as_svg
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_limited
@@ -138,7 +140,7 @@ def page_html(
         "claims": _claims(first, views[0], target, plane_m, region, backend),
         "holograms": [document for document, _, _ in documents],
     }
-    return _html(page, documents, title or " and ".join(holograms), note)
+    return _html(page, documents, as_svg(draw_bench(first.system)), title or " and ".join(holograms), note)
 
 
 def _colours() -> dict[str, Any]:
@@ -256,10 +258,12 @@ def _data_url(webp: bytes) -> str:
     return f"data:image/webp;base64,{base64.b64encode(webp).decode('ascii')}"
 
 
-def _html(page: dict[str, Any], documents: Sequence[tuple[Any, Any, bytes]], title: str, note: str) -> str:
+def _html(
+    page: dict[str, Any], documents: Sequence[tuple[Any, Any, bytes]], drawing: str, title: str, note: str
+) -> str:
     """The text of the file. Text of strangers is escaped, and JSON can't end its element.
 
-    documents: of `page_document`, for each hologram.
+    documents: of `page_document`, for each hologram. drawing: of the bench, as SVG.
     """
     frames = [_packed(json.dumps(heads, separators=(",", ":")).encode()) for _, heads, _ in documents]
     folder = Path(__file__).parent
@@ -284,6 +288,7 @@ def _html(page: dict[str, Any], documents: Sequence[tuple[Any, Any, bytes]], tit
         first_script=Markup(first_script),
         script=Markup(script),
         document=Markup(document),
+        drawing=Markup(drawing),
         frames=list(map(Markup, frames)),
         data=[Markup(_packed(binary)) for _, _, binary in documents],
     )
