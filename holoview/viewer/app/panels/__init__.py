@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from holoview.viewer.app.panel import Panel
+from holoview.viewer.app.panels.drawing import DrawingPanel
 from holoview.viewer.app.panels.eye import EyePanel
 from holoview.viewer.app.panels.files import FilesPanel, HistoryPanel
 from holoview.viewer.app.panels.focus import FocusPanel
@@ -33,6 +34,7 @@ ALL: tuple[type[Panel], ...] = (
     FilesPanel,
     HistoryPanel,
     FocusPanel,
+    DrawingPanel,
     RigPanel,
     CameraPanel,
     RigDiagnosisPanel,
