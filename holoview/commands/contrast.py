@@ -36,9 +36,11 @@ from holoview.commands.hologram_files import (
 )
 from holoview.commands.output_files import add_input, add_output
 from holoview.commands.speckle_options import (
+    add_edge,
     add_meter,
     add_place,
     add_target,
+    edge_rows,
     meter_from_args,
     speckle_lines,
     target_from_args,
@@ -64,8 +66,8 @@ from holoview.holograms.metrics.speckle import independent_patterns, pupils_of, 
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
-from holoview.holograms.view import random_drive, simulate
-from holoview.light.model.focus import focused_planes, parse_plane, plane_label
+from holoview.holograms.view import random_drive
+from holoview.light.model.focus import parse_plane, plane_label
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, require_matplotlib
@@ -97,9 +99,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with an eye: also a table of the contrast through pupils of these diameters, e.g. 2,3,4mm",
     )
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
-    parser.add_argument(
-        "--edge", metavar="X,Y,W,H", help="also the MTF across a slanted edge in these samples, at each focal plane"
-    )
+    add_edge(parser)
     add_target(parser)
     add_meter(parser)
     _add_camera(parser)
@@ -249,46 +249,27 @@ def _mtf(args: argparse.Namespace, shown: _ShownHologram | None) -> list[dict[st
     Raises UserError as `slanted_edge_mtf` does, and for a region outside.
     """
     region = parse_region(args.edge)
-    if shown is None:
-        images, planes, degrees = [picture_luminance(Path(args.names[0]), is_linear=True).luminance], [""], None
-    else:
-        system = meter_from_args(args).bench(shown.hologram.system)
-        view = simulate(system, shown.hologram.drive, focused_planes(system), backend="torch")
-        planes = [plane_label(system, float(z)) for z in view.focus_m]
-        images, degrees = list(view.xyz[..., 1]), view.degrees_per_sample
-    rows = []
-    for plane, image in zip(planes, images, strict=True):
-        found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
-        half = found.half if np.isfinite(found.half) else None
-        rows.append(
-            {
-                "plane": plane,
-                "angle_deg": found.angle_deg,
-                "half_cycles_a_sample": half,
-                "half_cycles_a_degree": None if half is None or degrees is None else half / degrees,
-                "cycles_a_sample": found.cycles.tolist(),
-                "mtf": found.values.tolist(),
-            }
-        )
-    return rows
+    if shown is not None:
+        return edge_rows(shown.hologram, meter_from_args(args), region)
+    image = picture_luminance(Path(args.names[0]), is_linear=True).luminance
+    found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
+    return [{"plane": "", **found.as_json(None)}]
 
 
 def _as_json(measured: _Measured) -> dict[str, Any]:
     """The numbers for programs."""
     found = measured.found
-    contrast = found.luminance.contrast
-    patterns = independent_patterns(contrast)
+    patterns = independent_patterns(found.luminance.contrast)
     return {
         "what": measured.what,
         "region": list(found.region),
-        "contrast": contrast,
         "mean": found.mean,
         "std": found.raw_contrast * found.mean,
         "pixels": found.pixels,
         "clipped": measured.clipped,
         "clipped_at": measured.clipped_at,
         "notes": [*measured.notes, *found.notes],
-        "independent_patterns": patterns if np.isfinite(patterns) else None,
+        "independent_patterns": patterns if np.isfinite(patterns) and not found.withheld else None,
         **found.as_json(),
         **({} if measured.reading is None else {"meter": measured.reading.as_json()}),
     }
@@ -414,13 +395,16 @@ def _format_result(result: dict[str, Any], measured: _Measured) -> str:
     x, y, width, height = result["region"]
     patterns = result["independent_patterns"]
     equivalent = "no speckle at all" if patterns is None else f"as of {patterns:.2f} independent speckle patterns"
+    stated = f"speckle contrast {measured.found.luminance.contrast:.4f} ({equivalent})"
+    if measured.found.withheld:
+        stated = f"speckle contrast withheld: {measured.found.withheld}; raw it is {measured.found.raw_contrast:.4f}"
     lines = [
         f"{result['what']}",
-        f"speckle contrast {result['contrast']:.4f} ({equivalent})",
+        stated,
         f"mean {result['mean']:.4g}, standard deviation {result['std']:.4g}, {result['pixels']} pixels: "
         f"{width} x {height} at ({x}, {y})",
     ]
-    if not measured.found.has_target:
+    if not measured.found.has_target and not measured.found.withheld:
         lines.append("structure of a picture counts as speckle here: choose a region that should be even, or --target")
     lines += speckle_lines(measured.found, measured.reading)
     if result["clipped"] > 0:
@@ -448,8 +432,8 @@ def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:
     """The hologram or the random patterns that the arguments name; None for a picture."""
     path = Path(args.names[0])
     if path.suffix.lower() == _HOLOGRAM_SUFFIX:
-        if args.scheme or not all(change.startswith("eye") for change in args.changes):
-            remedy = "--set may give it an eye only"
+        if args.scheme or not all(change.startswith(("eye", "observer=")) for change in args.changes):
+            remedy = "--set may give it an eye only, --observer who looks"
             raise UserError(
                 "--set or --scheme", "with a hologram file", expected="the bench that it was made for", remedy=remedy
             )

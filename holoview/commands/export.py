@@ -26,6 +26,7 @@ from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
 from holoview.commands.hologram_files import add_field_options, open_files
 from holoview.commands.output_files import add_input, add_output, add_output_folder, check_files
+from holoview.commands.speckle_options import target_from_args
 from holoview.holograms.files.light_writer import check_light_suffix
 from holoview.holograms.files.pattern_manifest import MANIFEST, PatternFile, pattern_manifest
 from holoview.holograms.files.pictures import (
@@ -37,7 +38,6 @@ from holoview.holograms.files.pictures import (
     write_png,
 )
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.targets.target import Placement, target_for
 from holoview.holograms.view import as_field, save, simulate
 from holoview.light.model.bench_parts import Modulator
 from holoview.light.model.focus import parse_plane
@@ -137,9 +137,9 @@ def _export_page(args: argparse.Namespace) -> int:
     """Writes the page, and prints its path and size."""
     holograms = _named(_opened(args))
     system = next(iter(holograms.values())).system
-    if args.depth is not None and args.target is None:
-        raise UserError("--depth", "without --target", expected="both, or neither")
-    target = None if args.target is None else target_for(system, args.target, Placement(depth=args.depth))
+    plane_m = None if args.plane is None else parse_plane(system, args.plane, "--plane")
+    source = target_from_args(args, system)
+    target = None if source is None else source.build() if plane_m is None else source.with_plane(plane_m)
     with progress_bar("pictures of the planes") as progress:
         export_html(
             args.html,
@@ -147,7 +147,7 @@ def _export_page(args: argparse.Namespace) -> int:
             target=target,
             title=args.title,
             note=args.note,
-            plane_m=None if args.plane is None else parse_plane(system, args.plane, "--plane"),
+            plane_m=plane_m,
             region=None if args.region is None else parse_region(args.region),
             backend=args.backend,
             progress=lambda done, total: progress(done, total, "wavelengths"),

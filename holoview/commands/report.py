@@ -10,28 +10,41 @@ import argparse
 import hashlib
 import json
 import shlex
+from functools import partial
 from pathlib import Path
 
-from holoview.commands.arguments import parse_region, system_from_args
+from holoview.commands.arguments import add_observer, parse_region, system_from_args, whole, with_changes
 from holoview.commands.console import print_json, progress_bar
 from holoview.commands.hologram_files import add_field_options, check_no_field_options, is_preset, open_files
 from holoview.commands.output_files import add_input, add_output, check_files
-from holoview.commands.speckle_options import add_meter, add_place, add_target, meter_from_args, target_from_args
+from holoview.commands.speckle_options import (
+    add_edge,
+    add_meter,
+    add_place,
+    add_target,
+    edge_rows,
+    meter_from_args,
+    target_from_args,
+)
 from holoview.evidence.study.claims import parse_claim
+from holoview.evidence.study.display_contrast import DisplayContrast, display_contrast
 from holoview.evidence.study.hologram_report import report_html, report_json, review_hologram
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.colour_speckle import DRAW_SEED
 from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.view import random_drive
 from holoview.light.model.focus import parse_plane
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_bytes
+from holoview.util.progress import TextCallback
 from holoview.viewer.page.page import page_html
 
 _MOST = 4  # holograms of a report
 _LARGEST_BYTES = 1 << 34
+_FURTHER = ("edge", "contrast_ratio", "meter", "f_number", "pixel", "bits", "exposure")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +70,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--title", default="", help="heading of the page")
     parser.add_argument("--live", action="store_true", help="embed the holograms, which any browser computes again")
+    add_observer(parser)
     add_target(parser)
+    add_edge(parser)
+    parser.add_argument(
+        "--contrast-ratio",
+        metavar="N",
+        type=whole(1, 1000),
+        help="also the sequential and the checkerboard contrast of each bench, of pictures optimised by N iterations",
+    )
     add_meter(parser)
     add_output(
         parser,
@@ -92,7 +113,9 @@ def run(args: argparse.Namespace) -> int:
             region = central_region((rows, columns)) if args.region is None else parse_region(args.region)
             target = target_from_args(args, system)
             planes_m.append(plane_m)
-            reviewed.append(review_hologram(name, digest, hologram, plane_m, region, target, meter))
+            edge = () if args.edge is None else edge_rows(hologram, meter, parse_region(args.edge))
+            display = _display_contrast(system, args, partial(progress, number, len(holograms)))
+            reviewed.append(review_hologram(name, digest, hologram, plane_m, region, target, meter, edge, display))
     title = args.title or f"Speckle report: {', '.join(name for name, _, _ in holograms)}"
     seeds = {"colours drawn": DRAW_SEED}
     if any(not digest for _, digest, _ in holograms):
@@ -115,17 +138,30 @@ def run(args: argparse.Namespace) -> int:
         print_json(table)
         return 0
     for one in table["holograms"]:
-        print(f"{one['name']}: speckle contrast {one['contrast']:.4f} +- {one['standard_error']:.2g}")
+        stated = f"withheld: {one['withheld']}"
+        if one["contrast"] is not None:
+            stated = f"{one['contrast']:.4f} +- {one['standard_error']:.2g}"
+        print(f"{one['name']}: speckle contrast {stated}")
         for claim in one["claims"]:
             print(f"  claim {claim['claim']}: {claim['verdict']}")
     print(f"{args.output}, {beside}")
     return 0
 
 
+def _display_contrast(system: System, args: argparse.Namespace, status: TextCallback) -> DisplayContrast | None:
+    """The contrast ratios that --contrast-ratio asks for. Raises UserError for a field, which has no modulators."""
+    if args.contrast_ratio is None:
+        return None
+    if system.is_field:
+        raise UserError("--contrast-ratio", "with a field", expected="a bench with modulators, to optimise pictures")
+    return display_contrast(system, {"iterations": args.contrast_ratio, "seed": 0}, status)
+
+
 def _holograms(args: argparse.Namespace) -> list[tuple[str, str, Hologram]]:
     """The name, the digest of the file, "" of a preset, and the hologram of each."""
     if args.parts:
-        return [(Path(args.names[0]).name, _digest(args.names), open_files(args.names, args).hologram)]
+        hologram = _seen(open_files(args.names, args).hologram, args)
+        return [(Path(args.names[0]).name, _digest(args.names), hologram)]
     if len(args.names) > _MOST:
         raise UserError("HOLOGRAM", f"{len(args.names)} of them", expected=f"at most {_MOST} in a report")
     found = [_hologram(name, args) for name in args.names]
@@ -137,12 +173,17 @@ def _holograms(args: argparse.Namespace) -> list[tuple[str, str, Hologram]]:
 
 def _hologram(name: str, args: argparse.Namespace) -> tuple[str, str, Hologram]:
     if not is_preset(name):
-        if args.scheme is not None or args.changes:
+        if args.scheme is not None or not all(change.startswith("observer=") for change in args.changes):
             raise UserError("--set or --scheme", "with a hologram file", expected="the bench that it was made for")
-        return Path(name).name, _digest([name]), open_files([name], args).hologram
+        return Path(name).name, _digest([name]), _seen(open_files([name], args).hologram, args)
     check_no_field_options(args, f"the preset {name}")
     system = system_from_args(argparse.Namespace(**vars(args) | {"preset": name}))
     return f"{system.name}, random patterns", "", Hologram(random_drive(system, args.random), system)
+
+
+def _seen(hologram: Hologram, args: argparse.Namespace) -> Hologram:
+    """The hologram seen by the observer of --observer."""
+    return Hologram(hologram.drive, with_changes(hologram.system, args.changes))
 
 
 def _digest(names: list[str]) -> str:
@@ -156,7 +197,7 @@ def _digest(names: list[str]) -> str:
 def _command(args: argparse.Namespace) -> str:
     """The command line that makes the report again."""
     words = ["holoview", "report", *map(str, args.names)]
-    for flag in ("scheme", "region", "plane", "target", "depth", "meter", "f_number", "pixel", "bits", "exposure"):
+    for flag in ("scheme", "region", "plane", "target", "depth", *_FURTHER):
         if getattr(args, flag) is not None:
             words += [f"--{flag.replace('_', '-')}", str(getattr(args, flag))]
     for flag, values in (("--set", args.changes), ("--claim", args.claim)):

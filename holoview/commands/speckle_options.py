@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
+from typing import Any
 
 from holoview.bench.captures.speckle_meter import METERS, CameraLens, Meter, MeterReading
-from holoview.commands.arguments import number, parse_seed, whole
+from holoview.commands.arguments import checked_region, number, parse_seed, whole
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
+from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle
 from holoview.holograms.metrics.grains import ContrastEstimate
+from holoview.holograms.metrics.likeness import Likeness
+from holoview.holograms.metrics.sharpness import slanted_edge_mtf
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, visibility
 from holoview.holograms.targets.target import Placement
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
+from holoview.holograms.view import simulate
+from holoview.light.model.focus import focused_planes, plane_label
 from holoview.light.model.system import System
+from holoview.light.numerics.sampling import Region
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -48,6 +56,28 @@ def target_from_args(args: argparse.Namespace, system: System) -> TargetSource |
 
     file = TargetFile(str(args.target), Placement(depth=None if args.depth is None else Path(args.depth)))
     return TargetSource(system, file, tell)
+
+
+def add_edge(parser: argparse.ArgumentParser) -> None:
+    """Adds --edge; see `edge_rows`."""
+    parser.add_argument(
+        "--edge", metavar="X,Y,W,H", help="also the MTF across a slanted edge in these samples, at each focal plane"
+    )
+
+
+def edge_rows(hologram: Hologram, meter: Meter, region: Region) -> list[dict[str, Any]]:
+    """The MTF across the edge in a region at each focal plane, with an instrument, for programs.
+
+    Raises UserError as `slanted_edge_mtf` does, and for a region outside.
+    """
+    system = meter.bench(hologram.system)
+    view = simulate(system, hologram.drive, focused_planes(system), backend="torch")
+    rows = []
+    for plane_m, xyz in zip(view.focus_m, view.xyz, strict=True):
+        image = xyz[..., 1]
+        found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
+        rows.append({"plane": plane_label(system, float(plane_m)), **found.as_json(view.degrees_per_sample)})
+    return rows
 
 
 def add_meter(parser: argparse.ArgumentParser) -> None:
@@ -91,19 +121,27 @@ def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None
     """All that was found beyond the contrast of the luminance, a line each."""
     grains = found.luminance.grains
     width = " x ".join(f"{w:.2g}" for w in reversed(grains.width_px))
+    what = "standard error of the raw contrast" if found.withheld else "standard error"
     lines = [
-        f"standard error {found.luminance.standard_error:.2g}, from {grains.count:.0f} independent grains, {width} "
-        "samples wide (autocorrelation)"
+        f"{what} {found.luminance.standard_error:.2g}, from {grains.count:.0f} independent grains, {width} samples "
+        "wide (autocorrelation)"
     ]
     if found.has_target:
         lines.append(f"structure of the target divided out; with it the contrast is {found.raw_contrast:.4f}")
+        lines += [] if found.likeness is None else _likeness_lines(found.likeness)
     if reading is not None:
         lines += _reading_lines(reading)
     lines += _laser_lines(found) if found.lasers else []
-    lines += ["", "visible?"]
+    lines += [] if found.withheld else ["", "visible?"]
     for row in visibility(found):
         lines.append(f"{row.what}: {row.contrast:.1%}, threshold {row.threshold:.1%}: {row.verdict} ({row.source})")
     return lines
+
+
+def _likeness_lines(alike: Likeness) -> list[str]:
+    if not math.isfinite(alike.standard_error):
+        return []
+    return [f"the picture has {100 * alike.share:.0f} +- {100 * alike.standard_error:.0f} % of the target's structure"]
 
 
 def _reading_lines(reading: MeterReading) -> list[str]:

@@ -49,6 +49,7 @@ _LOWEST_F, _HIGHEST_F = 0.7, 300.0
 _GOOD_SIGMAS = (10.0, 60.0)
 _WIDEST_PIXEL = 0.5  # of a grain
 _GOOD_BITS = 12
+_SAME_PLANE_M = 1e-6
 _ARCMIN = math.degrees(1) * 60
 
 
@@ -144,10 +145,7 @@ def measure_hologram(
     system = meter.bench(hologram.system)
     view = simulate(system, hologram.drive, [plane_m], backend="torch")
     plan = make_plan(system, [plane_m])
-    known = None
-    if target is not None:
-        built = target.build(None if target.is_stack else np.array([plane_m]), system=system)
-        known = built.stack[int(np.argmin(np.abs(np.asarray(built.planes_m) - plane_m)))]
+    known = None if target is None else _target_at(target, system, plane_m)
     lasers = laser_images(view, plan)
     if meter.camera is not None:
         return _by_camera(Hologram(hologram.drive, system), view, lasers, known, region, meter.camera)
@@ -161,6 +159,21 @@ def measure_hologram(
     found = measure_speckle(luminance, region, known, lasers)
     shown = Hologram(hologram.drive, system)
     return MeasuredHologram(shown, view, found, _reading(system, meter), known)
+
+
+def _target_at(target: TargetSource, system: System, plane_m: float) -> NDArray[np.floating]:
+    """The picture (y, x, 3) of a target at a plane. Raises UserError for a focal stack that has none there."""
+    built = target.build(None if target.is_stack else np.array([plane_m]), system=system)
+    planes_m = np.asarray(built.planes_m)
+    nearest = int(np.argmin(np.abs(planes_m - plane_m)))
+    if abs(planes_m[nearest] - plane_m) > _SAME_PLANE_M:
+        raise UserError(
+            "target",
+            f"a focal stack without a picture at {plane_m * 1e3:.4g} mm",
+            expected=f"one of its planes, {', '.join(f'{z * 1e3:.4g}' for z in planes_m)} mm",
+            remedy="choose one by --plane; a picture that is out of focus there is another one",
+        )
+    return built.stack[nearest]
 
 
 def laser_images(view: View, plan: Plan) -> LaserImages:

@@ -19,6 +19,9 @@ QUANTITIES = {
     "colour_area": "area of the 95 % ellipse of u'v'",
     "PSNR": "PSNR to the target, dB",
     "CR": "white over the black beside it",
+    "CR_sequential": "white picture over black picture",
+    "CR_checkerboard": "white fields over black fields",
+    "MTF50": "frequency at which the MTF against the target is a half, cycles a sample",
     "uniformity": "uniformity of the eyebox, darkest over mean",
     "picture_light": "share of the light in the picture",
 }
@@ -30,9 +33,15 @@ NEEDS = {
     "C_blue": "there are no blue lasers",
     "PSNR": "needs a target",
     "CR": "needs a target with bright and dark parts",
+    "CR_sequential": "needs --contrast-ratio",
+    "CR_checkerboard": "needs --contrast-ratio",
+    "MTF50": "needs a target with detail that is shown",
     "uniformity": "needs modulators",
 }
 """Why a quantity isn't measured."""
+
+OF_SPECKLE = frozenset({"C", "C_red", "C_green", "C_blue", "N_eff", "colour_area"})
+"""Quantities that aren't measured where the contrast is withheld."""
 
 _OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
@@ -42,7 +51,7 @@ _OPERATORS: dict[str, Callable[[float, float], bool]] = {
     ">=": operator.ge,
     "≥": operator.ge,
 }
-_CLAIM = re.compile(r"\s*([A-Za-z_]+)\s*(<=|>=|<|>|≤|≥)\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(%|dB)?\s*")
+_CLAIM = re.compile(r"\s*([A-Za-z_]+[0-9]*)\s*(<=|>=|<|>|≤|≥)\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(%|dB)?\s*")
 _LONGEST = 60
 SIGMAS = 2.0
 """Standard errors within which a claim is undecided."""

@@ -22,16 +22,18 @@ from PIL import Image, ImageDraw
 
 from holoview.bench.captures.speckle_meter import NO_METER, MeasuredHologram, Meter, measure_hologram
 from holoview.evidence.study.charts import correlation_figure, data_uri, scatter_figure, speckle_figure
-from holoview.evidence.study.claims import NEEDS, QUANTITIES, JudgedClaim, NumberClaim, judge_claim
+from holoview.evidence.study.claims import NEEDS, OF_SPECKLE, QUANTITIES, JudgedClaim, NumberClaim, judge_claim
+from holoview.evidence.study.display_contrast import DisplayContrast
 from holoview.evidence.study.report import version_summary
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.metrics.colour_speckle import WHITE_CD_M2
+from holoview.holograms.metrics.colour_speckle import WHITE_CD_M2, ColourSpeckle
 from holoview.holograms.metrics.fidelity import psnr_linear_srgb
 from holoview.holograms.metrics.image_quality import EyeboxUniformity, eyebox_uniformity_of
-from holoview.holograms.metrics.sharpness import BlackBesideWhite, black_beside_white
+from holoview.holograms.metrics.sharpness import BlackBesideWhite, Mtf, black_beside_white, target_mtf
 from holoview.holograms.metrics.speckle import target_luminance
-from holoview.holograms.metrics.speckle_measurement import visibility
+from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, visibility
 from holoview.holograms.targets.target_source import TargetSource
+from holoview.holograms.view import View
 from holoview.light.colour import fitting_stops, to_srgb8
 from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
 from holoview.light.model.derived_numbers import info_rows
@@ -39,6 +41,7 @@ from holoview.light.model.focus import plane_label
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
+from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, new_figure
 
 if TYPE_CHECKING:
@@ -50,6 +53,7 @@ _WIDEST_PX = 900
 _BENCH_HEADINGS = ("bench", "eye", "effects")
 _FURTHER_ROWS = ("étendue", "square stop of relay 1", "square stop of relay 2", "iris of relay 1", "iris of relay 2")
 _CHART_DPI = 170
+_MOST_ROOMY = 2  # holograms beyond which type and charts are smaller, so that they fit on two sheets
 _LEAST_TOLD = 5e-4  # of the light
 
 
@@ -59,7 +63,8 @@ class ReviewedHologram:
 
     name, digest: of its file. system: its bench, without the instrument. measured: of a region, by the instrument.
     plane: in words. picture: (y, x, 3) 8-bit sRGB of what an observer sees without the instrument, brightened by
-    `stops`; wanted: of its target. psnr_db: of the same; black: beside white. eyebox, light: of the bench.
+    `stops`; wanted: of its target. psnr_db: of the same; black: beside white; mtf: of the region, against the target;
+    edge: of an edge at each plane, for programs. display: contrast ratios of its bench. eyebox, light: of the bench.
     """
 
     name: str
@@ -75,14 +80,17 @@ class ReviewedHologram:
     eyebox: EyeboxUniformity | None
     light: LightBudget
     region: Region
+    mtf: Mtf | None = None
+    edge: Sequence[dict[str, Any]] = ()
+    display: DisplayContrast | None = None
 
     @property
     def values(self) -> dict[str, tuple[float, float | None]]:
         """The values of `QUANTITIES` that were measured, with their standard errors where they are known."""
         found = self.measured.found
-        values: dict[str, tuple[float, float | None]] = {
-            "C": (found.luminance.contrast, found.luminance.standard_error)
-        }
+        values: dict[str, tuple[float, float | None]] = {}
+        if not found.withheld:
+            values["C"] = (found.luminance.contrast, found.luminance.standard_error)
         values |= {f"C_{name}": (of.contrast, of.standard_error) for name, of in found.groups.items()}
         if found.lasers:
             values["N_eff"] = (found.patterns_of_correlation, None)
@@ -92,6 +100,11 @@ class ReviewedHologram:
             values["PSNR"] = (self.psnr_db, None)
         if self.black is not None:
             values["CR"] = (self.black.ratio, None)
+        if self.display is not None:
+            values["CR_sequential"] = (self.display.sequential, None)
+            values["CR_checkerboard"] = (self.display.checkerboard, None)
+        if self.mtf is not None and np.isfinite(self.mtf.half):
+            values["MTF50"] = (self.mtf.half, None)
         if self.eyebox is not None:
             values["uniformity"] = (self.eyebox.uniformity, None)
         if np.isfinite(self.light.total).all():
@@ -109,14 +122,18 @@ class ReviewedHologram:
             "sha256": self.digest,
             "plane": self.plane,
             "region": list(self.region),
-            "contrast": found.luminance.contrast,
             "mean_luminance": found.mean,
             "pixels": found.pixels,
             **found.as_json(),
             "meter": self.measured.reading.as_json(),
-            "notes": list(found.notes),
+            "notes": [*_withheld_notes(found), *found.notes],
             "psnr_db": self.psnr_db,
             "black_beside_white": None if self.black is None else self.black.as_json(),
+            "sequential_contrast": None if self.display is None else self.display.sequential,
+            "checkerboard_contrast": None if self.display is None else self.display.checkerboard,
+            "mtf": None if self.mtf is None else self.mtf.as_json(self.measured.view.degrees_per_sample),
+            "mtf_of_edge": list(self.edge),
+            "observer": self.system.observer,
             "eyebox": eyebox,
             "light_budget": self.light.as_json() if np.isfinite(self.light.total).all() else None,
             "claims": [
@@ -134,10 +151,12 @@ def review_hologram(
     region: Region,
     target: TargetSource | None = None,
     meter: Meter = NO_METER,
+    edge: Sequence[dict[str, Any]] = (),
+    display: DisplayContrast | None = None,
 ) -> ReviewedHologram:
     """Measures a hologram for a report. Arguments and errors as of `measure_hologram`.
 
-    name, digest: of its file.
+    name, digest: of its file. edge, display: as of `ReviewedHologram`.
     """
     measured = measure_hologram(hologram, plane_m, region, target, meter)
     plain = measured if not meter.name else measure_hologram(hologram, plane_m, region, target)
@@ -163,7 +182,21 @@ def review_hologram(
         eyebox=None if system.is_field else eyebox_uniformity_of(hologram),
         light=light_budget(make_plan(system, [plane_m]), hologram.drive),
         region=region,
+        mtf=_mtf_of(measured, region, is_whole=meter.camera is not None),
+        edge=edge,
+        display=display,
     )
+
+
+def _mtf_of(measured: MeasuredHologram, region: Region, *, is_whole: bool) -> Mtf | None:
+    """The MTF of a region of the view against the target; None where the target isn't shown, or hardly has detail."""
+    if measured.target is None or measured.found.withheld or is_whole:  # a camera's pixels aren't the view's samples
+        return None
+    known = target_luminance(measured.target)
+    try:
+        return None if known is None else target_mtf(measured.view.xyz[0, ..., 1], known, region)
+    except UserError:
+        return None
 
 
 # --- the page ---------------------------------------------------------------------------------------------------------
@@ -207,6 +240,7 @@ def report_html(
         command=command,
         versions=version_summary(),
         live=live,
+        is_dense=len(reviewed) > _MOST_ROOMY,
     )
 
 
@@ -249,8 +283,12 @@ def _hologram_context(one: ReviewedHologram, is_alone: bool) -> dict[str, Any]:
         "wanted": "" if one.wanted is None else _picture_uri(one.wanted, one.region),
         "region": "{2} × {3} samples at ({0}, {1})".format(*one.region),
         "charts": [{"caption": caption, "uri": _chart_uri(draw, size)} for caption, draw, size in charts],
-        "notes": [*one.measured.reading.notes, *found.notes],
+        "notes": [*_withheld_notes(found), *one.measured.reading.notes, *found.notes],
     }
+
+
+def _withheld_notes(found: SpeckleMeasurement) -> list[str]:
+    return [f"the speckle contrast is withheld: {found.withheld}"] if found.withheld else []
 
 
 def _by_hologram(
@@ -331,7 +369,7 @@ def _number_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
     rows: list[_Row] = [
         (
             "Speckle contrast C",
-            [_value(of.luminance.contrast, of.luminance.standard_error) for of in found],
+            ["withheld" if of.withheld else _value(of.luminance.contrast, of.luminance.standard_error) for of in found],
             f"{method}; error from the independent grains",
         ),
         (
@@ -340,54 +378,61 @@ def _number_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
             "area ÷ Σρ², ρ the autocorrelation",
         ),
     ]
-    if any(of.has_target for of in found):
+    if any(of.has_target or of.withheld for of in found):
         rows.append(("C with the picture's structure", [f"{of.raw_contrast:.3f}" for of in found], "σ/μ, raw"))
     for name in ("blue", "green", "red"):
         groups = [of.groups.get(name) for of in found]
         if any(groups):
             words = ["–" if of is None else _value(of.contrast, of.standard_error) for of in groups]
             rows.append((f"C of {name}", words, "luminance of its lasers"))
-    if all(of.lasers for of in found):
-        rows += _laser_rows(reviewed)
+    if any(of.lasers for of in found):
+        rows += _laser_rows(found)
     rows += _picture_rows(reviewed)
     return rows
 
 
-def _laser_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
-    found = [one.measured.found for one in reviewed]
+def _laser_rows(found: Sequence[SpeckleMeasurement]) -> list[_Row]:
+    def words(say: Callable[[SpeckleMeasurement], str]) -> list[str]:
+        return [say(of) if of.lasers else "–" for of in found]
+
+    def colours(say: Callable[[ColourSpeckle], str], name: str = "colour") -> list[str]:
+        return ["–" if (colour := getattr(of, name)) is None else say(colour) for of in found]
+
     rows: list[_Row] = [
         (
             "N_eff from powers, from correlation",
-            [f"{of.patterns_of_powers:.2f}, {of.patterns_of_correlation:.2f}" for of in found],
+            words(lambda of: f"{of.patterns_of_powers:.2f}, {of.patterns_of_correlation:.2f}"),
             "(ΣP)²/ΣP²; with the correlations between lasers",
         ),
         (
             "1/√N, 1/√N_eff",
-            [f"{len(of.lasers) ** -0.5:.3f}, {of.patterns_of_powers**-0.5:.3f}" for of in found],
+            words(lambda of: f"{len(of.lasers) ** -0.5:.3f}, {of.patterns_of_powers**-0.5:.3f}"),
             "of independent lasers: equal, and of these powers",
         ),
         (
             "(a) one by one, (b) together",
-            [f"{of.one_by_one:.3f}, {of.luminance.contrast:.3f}" for of in found],
+            words(lambda of: f"{of.one_by_one:.3f}, {of.luminance.contrast:.3f}"),
             "both ways of IEC 62906-5-4; (a) takes the lasers as independent",
         ),
     ]
-    colours = [of.colour for of in found]
-    if all(colour is not None for colour in colours):
-        known = [colour for colour in colours if colour is not None]
+    if any(of.colour is not None for of in found):
         rows += [
-            ("mean u′, v′", [f"{of.mean_uv[0]:.4f}, {of.mean_uv[1]:.4f}" for of in known], "CIE 1976"),
+            ("mean u′, v′", colours(lambda of: f"{of.mean_uv[0]:.4f}, {of.mean_uv[1]:.4f}"), "CIE 1976"),
             (
                 "95 % ellipse in u′v′",
-                [_area(of.area, of.area_error) for of in known],
+                colours(lambda of: _area(of.area, of.area_error)),
                 "5.991 π √det of the covariance (b)",
             ),
             (
                 "the same by (a)",
-                ["–" if of.independent_colour is None else _area(of.independent_colour.area, None) for of in found],
+                colours(lambda of: _area(of.area, None), "independent_colour"),
                 "gamma laws of the lasers' contrasts, drawn",
             ),
-            ("scatter in Jzazbz", [f"{of.jzazbz_scatter:.4f}" for of in known], f"r.m.s., white {WHITE_CD_M2:g} cd/m²"),
+            (
+                "scatter in Jzazbz",
+                colours(lambda of: f"{of.jzazbz_scatter:.4f}"),
+                f"r.m.s., white {WHITE_CD_M2:g} cd/m²",
+            ),
         ]
     return rows
 
@@ -405,6 +450,20 @@ def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
     if any(one.black is not None for one in reviewed):
         words = ["–" if one.black is None else f"{one.black.ratio:.3g} : 1" for one in reviewed]
         rows.append(("white over black beside it", words, "target above 50 %, below 1 % of its maximum"))
+    if any(one.display is not None for one in reviewed):
+        words = [
+            "–" if one.display is None else f"{one.display.sequential:.3g} : 1, {one.display.checkerboard:.3g} : 1"
+            for one in reviewed
+        ]
+        rows.append(
+            ("sequential, checkerboard contrast", words, "pictures optimised for the bench in its middle plane")
+        )
+    if any(one.mtf is not None for one in reviewed):
+        words = ["–" if one.mtf is None else _mtf_words(one.mtf, one.measured.view) for one in reviewed]
+        rows.append(("MTF falls to a half at", words, "region against the target, all directions"))
+    for number in range(max(len(one.edge) for one in reviewed)):
+        words = [_edge_words(one.edge[number]) if number < len(one.edge) else "–" for one in reviewed]
+        rows.append((f"MTF of the edge, {reviewed[0].edge[number]['plane']}", words, "slanted edge, ISO 12233"))
     if any(one.eyebox is not None for one in reviewed):
         words = [
             "–" if one.eyebox is None else f"{one.eyebox.uniformity:.3f}, {one.eyebox.coefficient_of_variation:.2f}"
@@ -414,21 +473,37 @@ def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
     return rows
 
 
+def _mtf_words(mtf: Mtf, view: View) -> str:
+    if not np.isfinite(mtf.half):
+        return f"above a half to {mtf.cycles[-1]:.3g}"
+    return _edge_words(mtf.as_json(view.degrees_per_sample))
+
+
+def _edge_words(row: Mapping[str, Any]) -> str:
+    half, by_degree = row["half_cycles_a_sample"], row["half_cycles_a_degree"]
+    if half is None:
+        return "not below a half"
+    return f"{half:.3f} cycles a sample" + ("" if by_degree is None else f", {by_degree:.3g} a degree")
+
+
 def _claim_rows(reviewed: Sequence[ReviewedHologram], claims: Sequence[NumberClaim]) -> list[dict[str, Any]]:
     """Each claim with its verdict on each hologram."""
     return [
         {
             "text": claim.text,
             "quantity": QUANTITIES[claim.quantity],
-            "verdicts": [_verdict(judge_claim(claim, one.values)) for one in reviewed],
+            "verdicts": [_verdict(judge_claim(claim, one.values), one.measured.found.withheld) for one in reviewed],
         }
         for claim in claims
     ]
 
 
-def _verdict(judged: JudgedClaim) -> dict[str, str]:
+def _verdict(judged: JudgedClaim, withheld: str) -> dict[str, str]:
+    """withheld: why the contrast isn't stated, "" where it is."""
     kinds = {"holds": "good", "doesn't hold": "bad"}
     value = NEEDS.get(judged.claim.quantity, "") if judged.value is None else _value(judged.value, judged.error)
+    if judged.value is None and withheld and judged.claim.quantity in OF_SPECKLE:
+        value = "the contrast is withheld"
     return {"value": value, "verdict": judged.verdict, "kind": kinds.get(judged.verdict, "open")}
 
 

@@ -24,6 +24,7 @@ _DARK, _BRIGHT, _LEAST_SAMPLES = 0.01, 0.5, 64
 _BINS = 4  # of an edge's profile a sample
 _LEAST_SIDE = 16
 _PASSES = 3  # of finding the edge
+_MOST_UNSURE = 0.05  # standard error of an MTF that is stated
 _STRAIGHT = 2.0  # samples r.m.s. that its centroids may be from a line
 _FLATTEST, _STEEPEST = np.tan(np.deg2rad(1.0)), np.tan(np.deg2rad(40.0))
 
@@ -92,7 +93,7 @@ class Mtf:
     """A modulation transfer function.
 
     cycles: (n,) spatial frequencies, cycles a sample. values: (n,), 1 at frequency 0. angle_deg: of the edge from the
-    rows or columns.
+    rows or columns; NaN without one.
     """
 
     cycles: Floats
@@ -112,6 +113,17 @@ class Mtf:
         i = int(below[0])
         step = (self.values[i - 1] - 0.5) / (self.values[i - 1] - self.values[i])
         return float(self.cycles[i - 1] + step * (self.cycles[i] - self.cycles[i - 1]))
+
+    def as_json(self, degrees_per_sample: float | None) -> dict[str, Any]:
+        """For programs; by the degree of visual angle where there is an eye."""
+        half = self.half if np.isfinite(self.half) else None
+        return {
+            "angle_deg": self.angle_deg if np.isfinite(self.angle_deg) else None,
+            "half_cycles_a_sample": half,
+            "half_cycles_a_degree": None if half is None or degrees_per_sample is None else half / degrees_per_sample,
+            "cycles_a_sample": self.cycles.tolist(),
+            "mtf": self.values.tolist(),
+        }
 
 
 def slanted_edge_mtf(image: NDArray[np.floating], region: Region) -> Mtf:
@@ -178,6 +190,37 @@ def _mtf_of_profile(values: Floats, distance: Floats, angle_deg: float) -> Mtf:
     corrections = np.sinc(cycles[kept] / _BINS) ** 2  # for the width of a bin, and the difference of two
     transfer: Floats = np.asarray(spectrum[kept] / spectrum[0] / corrections, dtype=np.float64)
     return Mtf(cycles[kept], transfer, angle_deg)
+
+
+def target_mtf(image: NDArray[np.floating], target: NDArray[np.floating], region: Region) -> Mtf:
+    """The MTF of a region of an image (y, x) whose target (y, x) is known, a picture of any content.
+
+    With the spectra X of the target and Y of the image, both over their means and under a Hann window, it is
+    Σ Re(Y·X*)/Σ|X|² over rings of frequency: speckle, which doesn't follow the target, cancels. It ends where the
+    target has too little of a frequency to know it within 0.05 (one standard error). Raises UserError for a region of
+    less than 16 × 16 samples, and one without light or structure.
+    """
+    x, y = (np.asarray(of[region_slices(region)], dtype=np.float64) for of in (target, image))
+    if min(x.shape) < _LEAST_SIDE or not (x.mean() > 0 and y.mean() > 0):
+        found = (
+            f"{region[2]} × {region[3]} samples of mean {x.mean():.2g} in the target and {y.mean():.2g} in the image"
+        )
+        raise UserError("MTF", found, expected=f"{_LEAST_SIDE} × {_LEAST_SIDE} or more, with light")
+    window = np.outer(*(np.hanning(n + 2)[1:-1] for n in x.shape))
+    wanted, seen = (np.fft.rfft2(window * (of / np.average(of, weights=window) - 1)) for of in (x, y))
+    cycles = np.hypot(np.fft.fftfreq(x.shape[0])[:, None], np.fft.rfftfreq(x.shape[1]))
+    width = 3 / min(x.shape)  # of a ring; a line under the window is 2/n wide
+    ring = np.rint(cycles / width).astype(int).ravel()
+    power, product = (np.square(np.abs(wanted)).ravel(), (seen * wanted.conj()).real.ravel())
+    powers = np.bincount(ring, power)
+    values = np.bincount(ring, product) / np.maximum(powers, 1e-300)
+    errors = np.sqrt(np.bincount(ring, np.square(product - values[ring] * power))) / np.maximum(powers, 1e-300)
+    known = (powers > 1e-12 * powers.max()) & (errors <= _MOST_UNSURE)
+    inside = np.arange(len(values)) * width <= 0.5
+    count = int(np.argmin(np.append((known & inside)[1:], False)))  # rings from the first to the last in a row
+    if not count:
+        raise UserError("MTF", "no structure in the target here", expected="a region with detail")
+    return Mtf(np.arange(count + 1) * width, np.append(1.0, values[1 : count + 1]), float("nan"))
 
 
 def line_pair_transfer(

@@ -3,9 +3,10 @@
 In the manner of IEC 62906-5-2:2016 (contrast) and IEC 62906-5-4:2018 (colour speckle), which are standards for laser
 projection: a near-eye display has no screen, so that they are followed as far as that allows.
 
-The contrast of the luminance is that of `speckle.speckle_contrast`, which the viewer shows: of I/(g·T), the structure
-of a target T being divided out. The structure of the light of one laser is the mixture of the target's red, green and
-blue, none of them negative, that fits it best.
+The contrast of the luminance is that of `likeness.luminance_contrast`, which the viewer shows: of I/(g·T), the
+structure of a target T being divided out where the picture shows it; where it doesn't, only raw numbers are stated.
+The structure of the light of one laser is the mixture of the target's red, green and blue, none of them negative, that
+fits it best.
 
 With the mean luminance m of each laser, its contrast C and the correlations ρ between the lasers' patterns
 
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
 
@@ -29,7 +30,8 @@ from scipy.optimize import nnls
 
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, contrast_estimate
-from holoview.holograms.metrics.speckle import Floats, SpecklePattern, speckle_pattern, target_luminance
+from holoview.holograms.metrics.likeness import Likeness, luminance_contrast
+from holoview.holograms.metrics.speckle import Floats, SpecklePattern, speckle_pattern
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 
@@ -93,7 +95,8 @@ class SpeckleMeasurement:
 
     region: (x, y, width, height). luminance: of all lasers together. mean, pixels: mean luminance, and the pixels that
     count. pattern: the speckle of the luminance. raw_contrast: with the structure of
-    the picture. has_target: whether that was divided out of the others.
+    the picture. has_target: whether that was divided out of the others. withheld: why the contrast isn't to be stated,
+    "" where it is; `luminance` is then raw, and the lasers aren't measured. likeness: to a target.
     lasers: of those with light. groups: by the names of `GROUPS`. correlation: (laser, laser) of the patterns.
     colour, independent_colour: colour speckle as measured, and of independent lasers of the same contrasts; None in the
     dark and of an image without colours. notes: what limits the numbers, as sentences.
@@ -112,6 +115,8 @@ class SpeckleMeasurement:
     colour: ColourSpeckle | None = None
     independent_colour: ColourSpeckle | None = None
     notes: tuple[str, ...] = ()
+    withheld: str = ""
+    likeness: Likeness | None = None
 
     @cached_property
     def _shares(self) -> Floats:
@@ -143,8 +148,12 @@ class SpeckleMeasurement:
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""
+        alike, is_known = self.likeness, self.likeness is not None and math.isfinite(self.likeness.standard_error)
         found: dict[str, Any] = {
-            "standard_error": self.luminance.standard_error,
+            "contrast": None if self.withheld else self.luminance.contrast,
+            "standard_error": None if self.withheld else self.luminance.standard_error,
+            "withheld": self.withheld or None,
+            "likeness": asdict(alike) if alike is not None and is_known else None,
             **_grains_json(self.luminance),
             "raw_contrast": self.raw_contrast,
             "structure_removed": self.has_target,
@@ -219,7 +228,12 @@ class Visibility:
 
 
 def visibility(found: SpeckleMeasurement) -> list[Visibility]:
-    """The luminance beside the threshold of a still picture, and each group beside that of a moving one."""
+    """The luminance beside the threshold of a still picture, and each group beside that of a moving one.
+
+    None where the contrast is withheld.
+    """
+    if found.withheld:
+        return []
     rows = [("luminance, still picture", found.luminance, STILL_THRESHOLD, STILL_SOURCE)]
     rows += [
         (f"{name}, moving picture", found.groups[name], MOVING_THRESHOLDS[name], MOVING_SOURCE) for name in found.groups
@@ -244,11 +258,9 @@ def measure_speckle(
     luminance; it is taken off.
     Raises UserError for a region that is outside, dark or a single pixel: a contrast isn't defined there.
     """
-    known = None if target is None else target_luminance(target, region)
-    raw = speckle_pattern(luminance, region).contrast
-    pattern = speckle_pattern(luminance, region, known)
-    estimate, notes = contrast_estimate(pattern, noise), list[str]()
-    if target is not None and known is None:
+    measured = luminance_contrast(luminance, region, target, noise)
+    estimate, notes = measured.estimate, list[str]()
+    if target is not None and not measured.has_target and not measured.withheld:
         notes.append("the target is black in the region: its structure isn't divided out")
     if estimate.noise_share > 0 and estimate.contrast == 0:
         notes.append("the camera's noise explains all of the variance: no speckle is left")
@@ -260,14 +272,18 @@ def measure_speckle(
     plain = SpeckleMeasurement(
         region,
         estimate,
-        raw.mean,
-        pattern.contrast.n_pixels,
-        raw.contrast,
-        known is not None,
-        pattern,
+        measured.raw.mean,
+        measured.pattern.contrast.n_pixels,
+        measured.raw.contrast,
+        measured.has_target,
+        measured.pattern,
         notes=tuple(notes),
+        withheld=measured.withheld,
+        likeness=measured.likeness,
     )
-    return plain if lasers is None else _with_lasers(plain, lasers, None if known is None else target)
+    if lasers is None or measured.withheld:
+        return plain
+    return _with_lasers(plain, lasers, target if measured.has_target else None)
 
 
 def _with_lasers(
@@ -284,7 +300,7 @@ def _with_lasers(
     if not lit:
         return plain
     basis = None if target is None else np.clip(np.asarray(target[window], dtype=np.float64), 0.0, None)
-    patterns = [_pattern(parts[i], basis) for i in lit]
+    patterns = [laser_pattern(parts[i], basis) for i in lit]
     estimates = [contrast_estimate(pattern, lasers.noise) for pattern in patterns]
     shares = luminances[lit] / luminances[lit].sum()
     usable = reduce(np.logical_and, (pattern.usable for pattern in patterns))
@@ -314,8 +330,8 @@ def _with_lasers(
     )
 
 
-def _pattern(intensity: Floats, basis: Floats | None) -> SpecklePattern:
-    """The speckle of one laser (y, x) beside the mixture of the channels of a target (y, x, 3) that fits it best."""
+def laser_pattern(intensity: Floats, basis: Floats | None) -> SpecklePattern:
+    """The speckle of one laser, or of some (y, x), over the mixture of a target's channels (y, x, 3) that fits best."""
     if basis is None:
         return speckle_pattern(intensity)
     q, r = np.linalg.qr(basis.reshape(-1, 3))

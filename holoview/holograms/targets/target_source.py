@@ -161,6 +161,8 @@ class TargetSource:
             return Path(file.path)
         picture = read_picture(file.path, space=file.space)
         self._tell_once(picture.notes)
+        if file.placement.depth is None and (beside := depth_beside(file.path)):
+            self._tell_once((f"{beside.name} beside it isn't used; --depth takes it",))
         if file.grid is None:
             return picture
         grid = _covering(file.grid, required_eye(system, "--views"), system.field_m, reach_m)
@@ -180,10 +182,7 @@ class TargetSource:
 
     def with_plane(self, plane_m: float) -> Target:
         """The target at the system's planes and at one more, where they don't hold it; a focal stack as it is."""
-        own_m = focused_planes(self._system)
-        if self.is_stack or np.isclose(own_m, plane_m, rtol=0, atol=1e-9).any():
-            return self.build()
-        return self.build(np.sort(np.append(own_m, plane_m)))
+        return self.build(None if self.is_stack else planes_with(self._system, plane_m))
 
     def stack_for(self, system: System) -> NDArray[np.float32]:
         """The focal stack (plane, y, x, 3) that the eye of a system is to see."""
@@ -198,6 +197,21 @@ class TargetSource:
             if note not in self._told:
                 self._tell(f"{self._file.path}: {note}")
         self._told.update(notes)
+
+
+def planes_with(system: System, plane_m: float) -> NDArray[np.float64] | None:
+    """The planes of a system and one more (m), in rising order; None where they hold it."""
+    own_m = focused_planes(system)
+    if np.isclose(own_m, plane_m, rtol=0, atol=1e-9).any():
+        return None
+    return np.sort(np.append(own_m, plane_m))
+
+
+def depth_beside(path: str | Path) -> Path | None:
+    """The file beside a picture that is named as its depth map, if there is one."""
+    picture = Path(path)
+    depth = picture.with_name(f"{picture.stem}-depth{picture.suffix}")
+    return depth if depth.is_file() else None
 
 
 def _covering(grid: ViewGrid, eye: Eye, field_m: tuple[float, float], reach_m: float) -> ViewGrid:

@@ -66,6 +66,12 @@ def line(name: str, x: ArrayLike, y: ArrayLike, colour: imgui.ImVec4, *, marked:
     implot.plot_line(name, _doubles(x), _doubles(y), spec)
 
 
+def error_bars(name: str, x: ArrayLike, y: ArrayLike, errors: ArrayLike) -> None:
+    """Draws a standard error to either side of each value of a line of the same name."""
+    spec = implot.Spec(line_color=theme.signal_colour("accent"), line_weight=1.0, size=4.0)
+    implot.plot_error_bars(name, _doubles(x), _doubles(y), _doubles(errors), spec)
+
+
 def _doubles(values: ArrayLike) -> NDArray[np.float64]:
     return np.ascontiguousarray(values, dtype=np.float64)
 

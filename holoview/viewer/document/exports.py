@@ -17,6 +17,7 @@ from holoview.holograms.files.light_writer import check_light_suffix
 from holoview.holograms.files.pictures import MAX_FRAMES, Pixels, open_encoder, path_with_suffix, png_texts, write_png
 from holoview.holograms.files.pupil_path_file import SUFFIX, save_pupil_path
 from holoview.holograms.hologram import Hologram
+from holoview.holograms.targets.target_source import planes_with
 from holoview.holograms.view import save, simulate
 from holoview.light.model import preset
 from holoview.light.model.focus import PupilPath, views_along, with_pupil_at
@@ -181,12 +182,12 @@ def caption(document: Document, metrics: RegionMetrics) -> list[str]:
     system, view = document.system, document.view_settings
     lasers = ", ".join(f"{λ * 1e9:.4g}" for λ in system.wavelengths_m)
     fidelity = "" if metrics.psnr_db is None else f", PSNR {metrics.psnr_db:.1f} dB, ΔE2000 {metrics.delta_e:.1f}"
-    known = "" if metrics.psnr_db is None else " (target divided out)"
+    known = "" if metrics.psnr_db is None or metrics.contrast is None else " (target divided out)"
     exposure = f", exposure {view.exposure_stops:+g} stops" if view.exposure_stops else ""
     return [
         f"{system.name or 'bench'}: {document.origin}",
         f"wavelengths {lasers} nm; focal plane {units.format_rounded(view.plane_m, 'mm')}{exposure}",
-        f"in the frame: speckle contrast {metrics.contrast:.3f}{known}, mean luminance {metrics.mean:.3g}{fidelity}",
+        f"in the frame: speckle contrast {metrics.text}{known}, mean luminance {metrics.mean:.3g}{fidelity}",
     ]
 
 
@@ -355,7 +356,10 @@ def save_preset(session: EditingSession, path: Path) -> None:
 
 
 def save_page(session: EditingSession, path: Path) -> BackgroundJob:
-    """Writes the hologram and its bench, opened at the present focal plane. Raises UserError for another suffix."""
+    """Writes the hologram, its bench and its target, opened at the present focal plane.
+
+    Raises UserError for another suffix.
+    """
     document, file = session.displayed_document, check_suffix(with_default_suffix(path, ".html"), [".html"])
     hologram = Hologram(document.drive, document.system)
 
@@ -364,8 +368,11 @@ def save_page(session: EditingSession, path: Path) -> BackgroundJob:
             control.check()
             control.report(done, total, "pictures of the planes")
 
-        name = document.system.name or file.stem
-        return export_html(file, {name: hologram}, plane_m=document.view_settings.plane_m, progress=progress)
+        name, plane_m = document.system.name or file.stem, document.view_settings.plane_m
+        spec = document.target_spec
+        planes_m = None if spec is None or spec.is_stack else planes_with(document.system, plane_m)
+        target = None if spec is None else spec.build(document.system, planes_m)
+        return export_html(file, {name: hologram}, target=target, plane_m=plane_m, progress=progress)
 
     return _start(session, "Page", work)
 

@@ -30,6 +30,7 @@ from holoview.holograms.load_field import Recorded, is_field_file, open_hologram
 from holoview.holograms.optimise.checkpoint import load_checkpoint
 from holoview.holograms.targets.focal_stack import is_stack
 from holoview.holograms.targets.picture import Picture, read_picture
+from holoview.holograms.targets.target_source import depth_beside
 from holoview.holograms.view import random_drive
 from holoview.light.colour import srgb_decode
 from holoview.light.model import preset
@@ -494,8 +495,8 @@ def _preset(system: System, title: str, path: Path | None) -> FileContent:
 
 def _picture(path: Path) -> FileContent:
     picture = read_picture(path)
-    depth = path.with_name(f"{path.stem}-depth{path.suffix}")
-    notes = picture.notes + ((f"{depth.name} beside it isn't used",) if depth.is_file() else ())
+    depth = depth_beside(path)
+    notes = picture.notes + ((f"{depth.name} beside it isn't used",) if depth else ())
     return FileContent("picture", path.name, target_spec=TargetSpec(picture, path.name), path=path, notes=notes)
 
 

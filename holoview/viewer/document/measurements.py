@@ -7,7 +7,7 @@ In order: a region's speckle contrast, PSNR and colour error; contrast by the nu
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
+from holoview.holograms.metrics.grains import contrast_estimate
+from holoview.holograms.metrics.likeness import luminance_contrast
 from holoview.holograms.metrics.speckle import (
     RetinalContrast,
     SpeckleHistogram,
@@ -22,7 +24,6 @@ from holoview.holograms.metrics.speckle import (
     laser_luminances,
     pattern_likeness,
     retinal_contrast,
-    speckle_contrast,
     speckle_histogram,
     target_luminance,
 )
@@ -48,17 +49,25 @@ SeenPicture = tuple[Scene, NDArray[np.floating]]
 class RegionMetrics:
     """Measurements of a region.
 
-    contrast: speckle contrast σ/μ of the luminance, divided by the target's luminance if there is a target.
+    contrast: speckle contrast σ/μ of the luminance, divided by the target's luminance if there is a target; None where
+    it is withheld, and why. standard_error: of it, or of the raw one where it is withheld.
     raw_contrast: the same without this division. mean: mean luminance, 1 is white. n_pixels: number of samples.
     psnr_db: PSNR of linear sRGB clipped to 0…1; delta_e: mean CIEDE2000; both None without a target.
     """
 
-    contrast: float
+    contrast: float | None
+    standard_error: float
     raw_contrast: float
     mean: float
     n_pixels: int
+    withheld: str = ""
     psnr_db: float | None = None
     delta_e: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The contrast with its standard error, or that it is withheld."""
+        return "withheld" if self.contrast is None else f"{self.contrast:.3f} ± {self.standard_error:.3f}"
 
 
 def measure_region(
@@ -68,29 +77,21 @@ def measure_region(
 
     Raises UserError for a region outside the image, one without light, and a target of another shape.
     """
-    luminance = np.asarray(xyz)[..., 1]
-    plain = speckle_contrast(luminance, region)
-    if target is None:
-        return RegionMetrics(plain.contrast, plain.contrast, plain.mean, plain.n_pixels)
-    if target.shape != xyz.shape:
+    if target is not None and target.shape != xyz.shape:
         raise UserError("target", f"shape {target.shape}", expected=f"the image's shape, {xyz.shape}")
-    image_rgb, reference = gamut_map(xyz_to_linear_srgb(crop(xyz, region))), gamut_map(crop(target, region))
-    return RegionMetrics(
-        contrast=_structure_free(luminance, region, target, plain.contrast),
-        raw_contrast=plain.contrast,
-        mean=plain.mean,
-        n_pixels=plain.n_pixels,
-        psnr_db=psnr(image_rgb, reference),
-        delta_e=delta_e_linear_srgb(image_rgb, reference),
+    found = luminance_contrast(np.asarray(xyz)[..., 1], region, target)
+    metrics = RegionMetrics(
+        contrast=None if found.withheld else found.estimate.contrast,
+        standard_error=found.estimate.standard_error,
+        raw_contrast=found.raw.contrast,
+        mean=found.raw.mean,
+        n_pixels=found.raw.n_pixels,
+        withheld=found.withheld,
     )
-
-
-def _structure_free(
-    luminance: NDArray[np.floating], region: Region, target: NDArray[np.floating], otherwise: float
-) -> float:
-    """Contrast of the luminance divided by the target's; `otherwise` if the target is black in the region."""
-    reference = target_luminance(target, region)
-    return otherwise if reference is None else speckle_contrast(luminance, region, reference).contrast
+    if target is None:
+        return metrics
+    image_rgb, reference = gamut_map(xyz_to_linear_srgb(crop(xyz, region))), gamut_map(crop(target, region))
+    return replace(metrics, psnr_db=psnr(image_rgb, reference), delta_e=delta_e_linear_srgb(image_rgb, reference))
 
 
 def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
@@ -106,36 +107,52 @@ def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
 class ContrastCurve:
     """Luminance contrast of the brightest 1, 2, … N lasers together; each array is (N,).
 
-    wavelengths_m: of the lasers, brightest first. measured: contrast in the image. independent: the contrast
-    √(Σm²)/Σm of independent, fully developed patterns of mean luminance m, with the effects on powers and lines.
+    wavelengths_m: of the lasers, brightest first. measured, errors: contrast in the image, and its standard error, of
+    all lasers as of `measure_region`. independent: the contrast √(Σm²)/Σm of independent, fully developed patterns of
+    mean luminance m, with the effects on powers and lines. is_raw: with the structure of the picture.
     """
 
     wavelengths_m: Floats
     measured: Floats
+    errors: Floats
     independent: Floats
+    is_raw: bool = True
 
 
 def contrast_by_wavelength(
-    luminance: Callable[[int], NDArray[np.floating]], system: System, region: Region, plane_m: float | None = None
+    luminance: Callable[[int], NDArray[np.floating]],
+    system: System,
+    region: Region,
+    plane_m: float | None = None,
+    target: NDArray[np.floating] | None = None,
 ) -> ContrastCurve:
     """Speckle contrast of a region as lasers are added one by one, brightest first.
 
     luminance: returns the luminance (y, x) of a laser's index, with its amplitude applied. plane_m: that is seen.
-    Raises UserError when no visible laser is on.
+    target: (y, x, 3) in linear sRGB, whose structure is divided out: of some lasers, that of the mixture of its
+    channels which fits their light best. Raises UserError when no visible laser is on.
     """
+    from holoview.holograms.metrics.speckle_measurement import laser_pattern  # slow start: it imports scipy
+
     means, likeness = laser_luminances(system), pattern_likeness(system, plane_m)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
+    basis = None if target is None else np.clip(np.asarray(crop(target, region), dtype=np.float64), 0.0, None)
     total: Floats = np.zeros(())
-    measured, independent, sources = [], [], len(system.source.directions_rad)
+    estimates, independent, sources = [], [], len(system.source.directions_rad)
     for count, laser in enumerate(order, start=1):
         total = total + np.asarray(crop(luminance(laser), region), dtype=np.float64)
-        measured.append(speckle_contrast(total).contrast)
+        if count == len(order):
+            whole = (0, 0, total.shape[1], total.shape[0])
+            estimates.append(luminance_contrast(total, whole, basis).estimate)
+        else:
+            estimates.append(contrast_estimate(laser_pattern(total, basis)))
         added = means[:, order[:count]]
         squares = np.square(added) * likeness[order[:count]]
         independent.append(float(np.sqrt(squares.sum() / sources) / added.sum()))
     if not order:
         raise UserError("lasers", "none that can be seen is on", remedy="switch one on")
-    return ContrastCurve(system.wavelengths_m[order], np.array(measured), np.array(independent))
+    measured, errors = (np.array([getattr(of, name) for of in estimates]) for name in ("contrast", "standard_error"))
+    return ContrastCurve(system.wavelengths_m[order], measured, errors, np.array(independent), target is None)
 
 
 # --- lines and pixels -----------------------------------------------------------------------------------------------
@@ -262,11 +279,14 @@ def measure_image(
         plane_m = document.view_settings.plane_m
         patterns = independent_pattern_count(document.system, plane_m)
         histogram = speckle_histogram(xyz[..., 1], document.measured_region, patterns)
+        shown = None if region.withheld else target
         if document.system.eye is not None:
-            known = None if target is None else target_luminance(target, document.measured_region)
+            known = None if shown is None else target_luminance(shown, document.measured_region)
             retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
         if luminance is not None:
-            curve = contrast_by_wavelength(luminance.__getitem__, document.system, document.measured_region, plane_m)
+            curve = contrast_by_wavelength(
+                luminance.__getitem__, document.system, document.measured_region, plane_m, shown
+            )
     except UserError as error:
         problem = str(error)
     return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem, retinal)

@@ -580,11 +580,16 @@ NAMES = ("Simultaneous, 3 wavelengths", "HoloChrome, 8 wavelengths")
 
 @dataclass(frozen=True, eq=False)
 class ComparedScheme:
-    """One of the two schemes: its name, its document, and the speckle contrast of the measured region."""
+    """One of the two schemes: its name, its document, and the speckle contrast of the region, None if withheld."""
 
     name: str
     document: Document
-    contrast: float
+    contrast: float | None
+
+    @property
+    def text(self) -> str:
+        """The contrast in words."""
+        return "withheld, the target isn't shown" if self.contrast is None else f"{self.contrast:.3f}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -598,9 +603,7 @@ class SchemeComparison:
     @property
     def summary(self) -> str:
         """The comparison in one line of text."""
-        sides = "; ".join(
-            f"{compared.name}: speckle contrast {compared.contrast:.3f}" for compared in (self.left, self.right)
-        )
+        sides = "; ".join(f"{compared.name}: speckle contrast {compared.text}" for compared in (self.left, self.right))
         return f"{sides} ({self.method})"
 
 
@@ -639,7 +642,7 @@ def start_scheme_comparison(session: EditingSession, iterations: int = 0) -> Sch
         job.result = result
         for old in [pinned for pinned in session.snapshots if pinned.startswith(NAMES)]:
             session.unpin(old)
-        names = [f"{compared.name}: contrast {compared.contrast:.2f}" for compared in (result.left, result.right)]
+        names = [f"{compared.name}: contrast {compared.text}" for compared in (result.left, result.right)]
         a, b = (
             ComparisonSide("snapshot", session.pin(name, compared.document))
             for name, compared in zip(names, (result.left, result.right), strict=True)

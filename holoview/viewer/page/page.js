@@ -285,12 +285,15 @@ class Viewer {
         const r = region ?? whole
         if (!isInside(r)) throw new Refusal(`The region must lie inside the image of ${width} × ${height} samples.`)
         const xyz = await full.readXyz()
-        if (PAGE.target) await this.loadTarget()
-        const found = PAGE.target ? speckle(xyz, width, r, this.targetCodes, PAGE.srgb_luminance) : speckle(xyz, width, r)
-        if (PAGE.target) {
-            found.psnr_db = psnr(xyz, this.targetCodes, width, r, PAGE.xyz_to_srgb)
+        if (!PAGE.target) return speckle(xyz, width, r)
+        await this.loadTarget()
+        if (Math.abs(PAGE.target.planes_m[this.targetIndex] - this.state.plane_m) > 1e-6) { // a target out of focus is another one
+            const planes = PAGE.target.planes_m.map(z => WHOLE_MM(z)).join(", ")
+            const withheld = `the page holds the target at ${planes} alone`
+            return { ...speckle(xyz, width, r), contrast: null, withheld }
         }
-        return found
+        const found = speckle(xyz, width, r, this.targetCodes, PAGE.srgb_luminance)
+        return { ...found, psnr_db: psnr(xyz, this.targetCodes, width, r, PAGE.xyz_to_srgb) }
     }
 
     // The state as the page's address, except within a report.
@@ -302,7 +305,8 @@ class Viewer {
     async report() {
         const found = await this.measure(this.state.region)
         const where = this.state.region ? "In the region" : "In the whole image"
-        const parts = [`${where}: ${found.divided ? "" : "raw "}speckle contrast ${found.contrast.toFixed(3)}, mean luminance ${found.mean.toPrecision(3)}`]
+        const stated = found.withheld ? `speckle contrast withheld (${found.withheld}), raw ${found.raw_contrast.toFixed(3)}` : `${found.divided ? "" : "raw "}speckle contrast ${found.contrast.toFixed(3)}`
+        const parts = [`${where}: ${stated}, mean luminance ${found.mean.toPrecision(3)}`]
         if (found.psnr_db !== undefined) parts.push(`PSNR to the target ${found.psnr_db.toFixed(2)} dB`)
         $("region").textContent = `${parts.join(", ")}.`
         $("region").classList.remove("old")
@@ -318,7 +322,7 @@ class Viewer {
         const lines = []
         for (const claim of PAGE.claims) {
             const found = await this.measure(claim.region ?? null)
-            const value = claim.quantity === "contrast" ? found.contrast.toFixed(3) : `${found.psnr_db?.toFixed(1)} dB`
+            const value = claim.quantity === "contrast" ? (found.contrast?.toFixed(3) ?? "withheld") : `${found.psnr_db?.toFixed(1)} dB`
             lines.push(`${claim.text}: ${claim.value} in the file, ${value} computed here.`)
         }
         $("claims").textContent = lines.join(" ")
@@ -857,7 +861,7 @@ window.holoview = {
         for (let i = 0; i < width * height; i++) srgb8.set(rgba.subarray(4 * i, 4 * i + 3), 3 * i)
         return { width, height, srgb8 }
     },
-    // {contrast, raw_contrast, mean, std, samples, histogram, divided, psnr_db} of a region {x, y, width, height}, or of the whole image.
+    // {contrast, raw_contrast, mean, std, samples, histogram, divided, withheld, psnr_db} of a region {x, y, width, height}, or of the whole image.
     async measure(region) {
         const viewer = await opened
         await viewer.busy

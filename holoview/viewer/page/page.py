@@ -26,7 +26,7 @@ from PIL import Image
 
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import psnr_linear_srgb
-from holoview.holograms.metrics.speckle import speckle_contrast, target_luminance
+from holoview.holograms.metrics.likeness import luminance_contrast
 from holoview.holograms.targets.focal_stack import Target
 from holoview.holograms.view import View, simulate
 from holoview.light.colour import COLOUR_SPACES, SRGB_TO_XYZ, XYZ_TO_SRGB, fitting_stops, to_srgb8
@@ -53,6 +53,7 @@ _TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
 )
 _LARGEST_BYTES = 256 << 20  # of a page that is read, and of the data that it unpacks to
 _STORED_PLANES, _STORED_WIDTH, _QUALITY = 5, 512, 55
+_SAME_PLANE_M = 1e-6  # as in page.js
 _STARTS = tuple(f'<script type="{kind}" id="' for kind in ("application/json", "text/plain"))
 _MOST_PARTS, _LONGEST_ID = 1000, 100  # of the data in a page
 
@@ -204,23 +205,25 @@ def _claims(
     near = np.flatnonzero(np.isclose(view.focus_m, plane_m, rtol=0, atol=1e-9))
     if len(near) == 0:
         view, near = simulate(hologram.system, hologram.drive, planes=[plane_m], backend=backend), np.array([0])
-    xyz, rgb = view.xyz[near[0]], view.rgb[near[0]]
+    xyz, rgb, known = view.xyz[near[0]], view.rgb[near[0]], None if target is None else _at(target, plane_m)
     claims: list[dict[str, Any]] = []
     if region is not None:
-        wanted = None if target is None else target_luminance(_nearest(target, plane_m), region)
-        contrast = speckle_contrast(xyz[..., 1], region, wanted).contrast
-        how = "with the structure of the picture" if wanted is None else "the structure of the target divided out"
-        text = f"Speckle contrast in the marked region, {how}"
-        claims.append(_claim("contrast", text, f"{contrast:.3f}", _box(region)))
-    if target is not None:
-        score = psnr_linear_srgb(rgb, _nearest(target, plane_m)).mean_db
+        found = luminance_contrast(xyz[..., 1], region, known)
+        how = "the structure of the target divided out" if found.has_target else "with the structure of the picture"
+        value = f"{found.estimate.contrast:.3f} ± {found.estimate.standard_error:.3f}"
+        if found.withheld:
+            how, value = found.withheld, "withheld"
+        claims.append(_claim("contrast", f"Speckle contrast in the marked region, {how}", value, _box(region)))
+    if known is not None:
+        score = psnr_linear_srgb(rgb, known).mean_db
         claims.append(_claim("psnr", "PSNR to the target", f"{score:.1f} dB", None))
     return claims
 
 
-def _nearest(target: Target, plane_m: float) -> NDArray[np.floating]:
-    """The picture (y, x, 3) of a target that is nearest to a plane."""
-    return target.stack[int(np.argmin(np.abs(np.array(target.planes_m) - plane_m)))]
+def _at(target: Target, plane_m: float) -> NDArray[np.floating] | None:
+    """The picture (y, x, 3) of a target at a plane; None where it has none, as one out of focus is another picture."""
+    near = np.flatnonzero(np.isclose(target.planes_m, plane_m, rtol=0, atol=_SAME_PLANE_M))
+    return target.stack[near[0]] if len(near) else None
 
 
 def _claim(quantity: str, text: str, value: str, region: dict[str, int] | None) -> dict[str, Any]:

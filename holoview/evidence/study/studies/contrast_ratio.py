@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.evidence.study.charts import line_plot
+from holoview.evidence.study.display_contrast import WHITE, DisplayContrast, display_contrast, middle_view
 from holoview.evidence.study.hologram_study import (
     QUICK_SIZE,
     SHOWN,
@@ -37,13 +38,10 @@ from holoview.evidence.study.study import (
     StudyPicture,
     StudyScale,
 )
-from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.image_quality import central_region, eyebox_uniformity_of
-from holoview.holograms.metrics.sharpness import checkerboard, checkerboard_contrast, contrast_ratio
+from holoview.holograms.metrics.sharpness import contrast_ratio
 from holoview.holograms.metrics.speckle import speckle_contrast
-from holoview.holograms.view import View, simulate
 from holoview.light.colour import SRGB_TO_XYZ, to_srgb8
-from holoview.light.model.system import System
 from holoview.light.numerics.sampling import region_slices
 
 _COUNTS = (1, 2, 4, 8, 16)
@@ -51,8 +49,6 @@ _MODULATORS = {"two modulators": "", "one modulator": "+1slm"}
 _SEEDS = 2  # at least
 _SCENES = ("night", "coffee", "resolution")  # the pictures with black parts
 _TWENTIETH = 0.05  # of a scene's samples
-_WHITE = 0.5  # linear light of a white picture: bright enough to need most lasers, with room for the checkerboard
-_BLACK = 1e-6  # of white: the optimiser takes no target without light
 _EYEBOX = 0.1  # weight of its penalty, at which the eyeboxes of one and two modulators are about as even
 _QUANTITIES = {
     "sequential": "white picture over black picture",
@@ -65,9 +61,10 @@ class _ContrastRatio(Study):
     name = "contrast-ratio"
     title = "Contrast ratio against the number of wavelengths"
     summary = (
-        "How black is black? Light of a white picture over that of a black one (sequential), of white fields over black "
-        "fields of one picture (checkerboard), and of the brightest over the darkest twentieth of three scenes, with one "
-        "and two modulators at a matched eyebox. The paper leaves open how the black level falls with more wavelengths."
+        "How black is black? Light of a white picture over that of a black one (sequential), of white fields over "
+        "black fields of one picture (checkerboard), and of the brightest over the darkest twentieth of three scenes, "
+        "with one and two modulators at a matched eyebox. The paper leaves open how the black level falls with more "
+        "wavelengths."
     )
     quick_note = f"{QUICK_SIZE}; the black level still falls with more iterations."
     revision = 2
@@ -94,26 +91,22 @@ class _ContrastRatio(Study):
         "scenes" is the geometric mean of those of `_SCENES`.
         """
         system = job_system(settings)
-        white = _optimised(system, _grey(system, 1.0), settings, status)
-        kept = {**settings, "options": {"free": ["patterns"]}}
-        black = _optimised(white.system, _grey(system, _BLACK), kept, status)
-        board = _optimised(white.system, _grey(system, 1.0) * _board(system)[None, :, :, None], kept, status)
-        views = [_middle(hologram) for hologram in (white, black, board)]
-        centre = region_slices(central_region(views[0].xyz.shape[1:3]))
-        lit, dark, fields = (view.xyz[0, ..., 1] for view in views)
-        scenes = {f"scene_{name}": _scene_contrast(white.system, name, kept, status) for name in _SCENES}
+        found = display_contrast(system, settings, status)
+        scenes = {f"scene_{name}": _scene_contrast(found, name, status) for name in _SCENES}
+        lit = found.white_view.xyz[0, ..., 1]
+        centre = region_slices(central_region(lit.shape))
         return JobResult(
             {
-                "sequential": contrast_ratio(lit[centre], dark[centre]),
-                "checkerboard": checkerboard_contrast(fields),
+                "sequential": found.sequential,
+                "checkerboard": found.checkerboard,
                 "scenes": float(np.exp(np.mean(np.log(list(scenes.values()))))),
                 **scenes,
                 "speckle_contrast": speckle_contrast(lit[centre]).contrast,
                 "white": float(lit[centre].mean()),
-                "eyebox_white": eyebox_uniformity_of(white).coefficient_of_variation,
-                "eyebox_checkerboard": eyebox_uniformity_of(board).coefficient_of_variation,
+                "eyebox_white": eyebox_uniformity_of(found.white).coefficient_of_variation,
+                "eyebox_checkerboard": eyebox_uniformity_of(found.board).coefficient_of_variation,
             },
-            {"checkerboard": to_srgb8(views[2].rgb[0])},
+            {"checkerboard": to_srgb8(found.board_view.rgb[0])},
         )
 
     def analyse(self, results: Results) -> Findings:
@@ -136,38 +129,16 @@ class _ContrastRatio(Study):
         )
 
 
-def _grey(system: System, share: float) -> NDArray[np.float64]:
-    """A focal stack (plane, y, x, 3) of even light, a share of white."""
-    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
-    return np.full((len(system.planes_m), rows, columns, 3), _WHITE * share)
-
-
-def _board(system: System) -> NDArray[np.float64]:
-    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
-    return checkerboard((rows, columns))
-
-
-def _scene_contrast(system: System, scene: str, settings: Mapping[str, Any], status: StatusCallback) -> float:
+def _scene_contrast(display: DisplayContrast, scene: str, status: StatusCallback) -> float:
     """Brightest over darkest twentieth of a scene in grey, no brighter than the white picture, in the middle plane."""
+    system = display.white.system
     planes_m = np.asarray(system.planes_m)
-    luminance = job_target(system, {**settings, "target": scene}, planes_m) @ SRGB_TO_XYZ[1]
-    grey = _WHITE / luminance.max() * luminance
-    found = _middle(_optimised(system, np.repeat(grey[..., None], 3, axis=-1), settings, status)).xyz[0, ..., 1]
-    wanted = grey[len(planes_m) // 2]
+    luminance = job_target(system, {**display.settings, "target": scene}, planes_m) @ SRGB_TO_XYZ[1]
+    grey = WHITE / luminance.max() * luminance
+    shown = optimise_job(system, np.repeat(grey[..., None], 3, axis=-1), display.settings, status).best
+    wanted, found = grey[len(planes_m) // 2], middle_view(shown).xyz[0, ..., 1]
     low, high = np.quantile(wanted, (_TWENTIETH, 1 - _TWENTIETH))
     return contrast_ratio(found[wanted >= high], found[wanted <= low])
-
-
-def _optimised(
-    system: System, stack: NDArray[np.float64], settings: Mapping[str, Any], status: StatusCallback
-) -> Hologram:
-    return optimise_job(system, stack, settings, status).best
-
-
-def _middle(hologram: Hologram) -> View:
-    """The view of the middle plane."""
-    planes_m = hologram.system.planes_m
-    return simulate(hologram.system, hologram.drive, planes_m[len(planes_m) // 2 :][:1], backend="torch")
 
 
 def _values(results: Results, key: str, modulators: str, count: int) -> NDArray[np.float64]:

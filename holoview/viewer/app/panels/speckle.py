@@ -18,7 +18,8 @@ from holoview.viewer.document.optimisation_job import SchemeComparison, SchemeCo
 
 _TIPS = {
     "Contrast": "Standard deviation over mean of the luminance. Fully developed speckle has 1; N independent patterns "
-    "together have 1/√N. With a target, the picture's own structure is divided out.",
+    "together have 1/√N. With a target, the picture's own structure is divided out. ± is one standard error, from the "
+    "independent grains of the region.",
     "Cones": "Contrast of means over discs of 0.5 arcmin, the size of foveal cones: finer speckle isn't seen.",
     "Grains": "Width of a speckle grain, about the wavelength over the pupil, in minutes of arc.",
     "Mean": "Mean luminance of the region; 1 is the display's white.",
@@ -88,7 +89,7 @@ class SpecklePanel(Panel):
         command_button(context, "Simultaneous beside HoloChrome", "Compare##showcase", width=-1)
         if self.comparison is not None:
             for compared in (self.comparison.left, self.comparison.right):
-                imgui.text_wrapped(f"{compared.name}: contrast {compared.contrast:.3f}")
+                imgui.text_wrapped(f"{compared.name}: contrast {compared.text}")
             imgui.text_disabled(self.comparison.method)
 
     def _compare(self, context: AppContext) -> None:
@@ -128,11 +129,11 @@ def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
     region = measurements.region
     if region is None or not imgui.begin_table("numbers", 2, imgui.TableFlags_.sizing_stretch_prop):
         return
-    _row("Contrast", f"{region.contrast:.3f}")
+    _row("Contrast", region.text)
     if region.psnr_db is not None:
         _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
     if measurements.retinal is not None:
-        _row("Cones", f"{measurements.retinal.cone_contrast:.3f}")
+        _row("Cones", f"{measurements.retinal.cone_contrast:.3f}", f"as cones see it{', raw' * bool(region.withheld)}")
         _row("Grains", f"{measurements.retinal.grain_arcmin:.2f} arcmin")
     _row("Mean", f"{region.mean:.4g}")
     if measurements.histogram is not None:
@@ -142,6 +143,8 @@ def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
         _row("ΔE2000", f"{region.delta_e:.2f}")
     imgui.end_table()
     context.record_item_rect("figures")
+    if region.withheld:
+        wrapped_text(f"The contrast is withheld: {region.withheld}.", theme.signal_colour("warning"))
 
 
 def _row(key: str, value: str, label: str = "") -> None:
@@ -184,7 +187,9 @@ def _draw_curve(curve: ContrastCurve) -> None:
         "curve", "wavelengths, brightest first", "contrast", (0.5, count[-1] + 0.5), (0, top), low_left
     ) as is_open:
         if is_open:
-            plots.line("image", count, curve.measured, theme.signal_colour("accent"), marked=True)
+            name = "image, raw" if curve.is_raw else "image"
+            plots.line(name, count, curve.measured, theme.signal_colour("accent"), marked=True)
+            plots.error_bars(name, count, curve.measured, curve.errors)
             plots.line("independent", count, curve.independent, plots.GREY, marked=True)
 
 
