@@ -63,13 +63,41 @@ def test_every_number_has_its_error_and_method(hologram: hv.Hologram, capsys: py
 def test_with_a_target_it_is_the_number_of_the_viewer(
     hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = _json(capsys, "h.safetensors", "--target", "target.png", "--region", "20,10,60,50")
-    view = simulate(hologram, planes=[10e-3], backend="torch")
-    target = hv.target_for(hologram.system, "target.png", planes=[10e-3]).stack[0]
+    """Of a hologram that shows the target, after some iterations."""
+    stack = hv.target_for(hologram.system, "target.png").stack
+    *_, last = hv.iterate(hologram.system, stack, hv.Settings(iterations=30))
+    last.best.save("shown.safetensors")
+    found = _json(capsys, "shown.safetensors", "--target", "target.png", "--region", "20,10,60,50")
+    view = simulate(last.best, planes=[10e-3], backend="torch")
+    target = hv.target_for(last.best.system, "target.png", planes=[10e-3]).stack[0]
     shown = measure_region(view.xyz[0], (20, 10, 60, 50), target)
+    assert shown.contrast is not None and found["withheld"] is None
+    assert found["likeness"]["share"] > 0.5
     assert found["contrast"] == pytest.approx(shown.contrast, rel=1e-12)
+    assert found["standard_error"] == pytest.approx(shown.standard_error, rel=1e-12)
     assert found["raw_contrast"] == pytest.approx(shown.raw_contrast, rel=1e-12)
     assert found["structure_removed"]
+
+
+def test_where_the_target_is_not_shown_it_is_withheld(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("h.safetensors", "--target", "target.png", "--region", "20,10,60,50")
+    found = _json(capsys, *arguments)
+    assert found["contrast"] is None and found["standard_error"] is None and found["independent_patterns"] is None
+    assert "doesn't show the target" in found["withheld"] and found["likeness"]["share"] < 0.5
+    assert found["visibility"] == [] and "lasers" not in found and not found["structure_removed"]
+    plain = _json(capsys, "h.safetensors", "--region", "20,10,60,50")
+    assert found["raw_contrast"] == plain["contrast"] == plain["raw_contrast"]
+    assert cli.main(["contrast", *arguments]) == 0
+    said = capsys.readouterr().out
+    assert "speckle contrast withheld: the picture doesn't show the target" in said
+    assert f"raw it is {plain['contrast']:.4f}" in said and "visible?" not in said
+
+
+def test_an_observer_looks_at_a_hologram(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
+    eye, old = (_json(capsys, "h.safetensors", "--observer", who) for who in ("eye", "age 70, field 4"))
+    assert old["lasers"][0]["luminance_share"] != eye["lasers"][0]["luminance_share"]
 
 
 def test_instruments_tell_what_they_resolve(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:

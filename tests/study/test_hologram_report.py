@@ -25,14 +25,15 @@ SHAPE = (48, 64)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two holograms of random patterns, a picture, and their report, with the live page."""
+    """A hologram that shows a picture, one of random patterns, and the report on the first, with the live page."""
     folder = tmp_path_factory.mktemp("report")
     system = hv.load("holochrome-8").with_(shape=list(SHAPE))
-    for number, name in enumerate(("one", "two")):
-        hv.Hologram(hv.random_drive(system, number), system).save(folder / f"{name}.safetensors")
     y, x = np.mgrid[:96, :128]
-    tones = np.stack([80 + x // 2, 60 + y, np.full(x.shape, 120)], axis=-1) * (x > 30)[..., None]
+    tones = np.stack([80 + x // 2, 60 + y, np.full(x.shape, 120)], axis=-1) * (x > 24 + y / 6)[..., None]
     Image.fromarray(tones.astype(np.uint8)).save(folder / "picture.png")
+    *_, last = hv.iterate(system, hv.target_for(system, folder / "picture.png").stack, hv.Settings(iterations=30))
+    last.best.save(folder / "one.safetensors")
+    hv.Hologram(hv.random_drive(system, 1), system).save(folder / "two.safetensors")
     claims = ("--claim", "C < 0.9", "--claim", "PSNR > 40 dB", "--claim", "C_red > 10 %")
     names = (str(folder / "one.safetensors"), "--target", str(folder / "picture.png"))
     assert cli.main(["report", *names, *claims, "--live", "-o", str(folder / "r.html")]) == 0
@@ -79,6 +80,43 @@ def test_the_command_makes_the_same_report_again(folder: Path, tmp_path: Path) -
     assert again["holograms"] == first["holograms"]
 
 
+def test_sharpness_contrast_ratios_and_the_observer_are_in_it(folder: Path, tmp_path: Path) -> None:
+    one, picture = str(folder / "one.safetensors"), str(folder / "picture.png")
+    options = (
+        "--contrast-ratio",
+        "3",
+        "--edge",
+        "14,20,40,40",
+        "--observer",
+        "age 70, field 4",
+        "--region",
+        "0,0,128,96",
+    )
+    claims = ("--claim", "CR_sequential > 1", "--claim", "MTF50 > 0.001")
+    assert cli.main(["report", one, "--target", picture, *options, *claims, "-o", str(tmp_path / "r.html")]) == 0
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    (found,) = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["holograms"]
+    ratios = f"{found['sequential_contrast']:.3g} : 1, {found['checkerboard_contrast']:.3g} : 1"
+    assert found["sequential_contrast"] > 1 and ratios in page
+    assert found["mtf"]["mtf"][0] == 1.0 and found["mtf"]["cycles_a_sample"][0] == 0.0
+    assert len(found["mtf_of_edge"]) == len(hv.load_hologram(one).system.planes_m)
+    assert found["observer"] == "age 70, field 4" and "Observer: age 70, field 4" in page
+    assert found["contrast"] != _table(folder)["holograms"][0]["contrast"]
+    assert [claim["verdict"] for claim in found["claims"]][0] == "holds"
+
+
+def test_a_withheld_contrast_has_no_verdict(folder: Path, tmp_path: Path) -> None:
+    names = [str(folder / f"{name}.safetensors") for name in ("one", "two")]
+    more = ("--target", str(folder / "picture.png"), "--claim", "C < 0.9", "--region", "10,10,100,80")
+    assert cli.main(["report", *names, *more, "-o", str(tmp_path / "r.html")]) == 0
+    one, two = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["holograms"]
+    assert one["contrast"] is not None and one["withheld"] is None
+    assert two["contrast"] is None and "doesn't show the target" in two["withheld"]
+    assert [claim["verdict"] for claim in (*one["claims"], *two["claims"])] == ["holds", "not measured"]
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "the contrast is withheld" in page and html.unescape(page).count(two["withheld"]) == 1
+
+
 def test_the_page_loads_nothing(folder: Path, tmp_path: Path) -> None:
     assert cli.main(["report", str(folder / "one.safetensors"), "-o", str(tmp_path / "plain.html")]) == 0
     text = (tmp_path / "plain.html").read_text(encoding="utf-8")
@@ -103,18 +141,19 @@ def test_it_prints_to_two_sheets_and_the_hologram_in_it_is_live(browser: Browser
     content.evaluate("() => window.holoview.ready")
     content.wait_for_function("() => document.getElementById('claims').textContent.includes('computed here')")
     (found,) = _table(folder)["holograms"]
-    assert (
-        f"{found['contrast']:.3f} in the file, {found['contrast']:.3f} computed here"
-        in frame.locator("#claims").inner_text()
-    )
+    number, error = f"{found['contrast']:.3f}", f"{found['standard_error']:.3f}"
+    said = frame.locator("#claims").inner_text()
+    assert f"{number} ± {error} in the file, {number} computed here" in said
+    assert f"{found['psnr_db']:.1f} dB in the file, {found['psnr_db']:.1f} dB computed here" in said
     page.pdf(path=str(tmp_path / "r.pdf"), prefer_css_page_size=True)
     assert _sheets(tmp_path / "r.pdf") == 2
-    two = [str(folder / f"{name}.safetensors") for name in ("one", "two")]
     more = ("--target", str(folder / "picture.png"), "--meter", "iec", "--claim", "C < 0.4")
-    assert cli.main(["report", *two, *more, "-o", str(tmp_path / "two.html")]) == 0
-    other = browser.open((tmp_path / "two.html").as_uri(), 1000, 1300)
-    other.pdf(path=str(tmp_path / "two.pdf"), prefer_css_page_size=True)
-    assert _sheets(tmp_path / "two.pdf") == 2
+    for count in (2, 3, 4):
+        names = [str(folder / f"{name}.safetensors") for name in ("one", "two", "one", "two")[:count]]
+        assert cli.main(["report", *names, *more, "-o", str(tmp_path / "some.html")]) == 0
+        other = browser.open((tmp_path / "some.html").as_uri(), 1000, 1300)
+        other.pdf(path=str(tmp_path / "some.pdf"), prefer_css_page_size=True)
+        assert _sheets(tmp_path / "some.pdf") == 2, f"{count} holograms"
     assert browser.close_pages() == []
 
 
