@@ -1,6 +1,6 @@
 """`holoview compare FILE… REFERENCE…`: scores a complex field and its views beside those of a reference.
 
-Of two files of light that holoview wrote (.npz, .exr, .tif) it says whether they are equal, and else how far apart.
+Of two files of light that holoview wrote (.npz, .npy, .exr, .tif) it says whether they are equal, or how far apart.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from holoview.util.memory_limit import format_size, require_memory
 _EXPECTED = "an array of numbers"
 _MOST_HEADER_BYTES = 10_000
 _MOST_AXES = 32
+_MOST_ARRAYS = 16  # in a .npy file
 _MOST_MEMBERS = 1000
 _MOST_DIRECTORY_BYTES = 1 << 20  # of so many members with long names
 _END_BYTES = 22 + 65_535 + 76  # the last records of an archive with the longest comment, those of ZIP64 among them
@@ -77,6 +78,21 @@ def read_npy_header(file: IO[bytes], size: int, where: str) -> NpyHeader:
         found = f"is truncated or damaged: {size - header.offset} bytes of numbers"
         raise UserError(where, found, expected=f"{header.nbytes} bytes for an array of shape {shape}")
     return header
+
+
+def read_npy_arrays(path: Path, file: BinaryIO) -> list[NDArray[Any]]:
+    """The arrays that stand one after the other in a .npy file, as `np.save` writes them into an open file.
+
+    Raises UserError as `read_npy_header` does, for more than 16 arrays, and where they are too large for the memory.
+    """
+    size, arrays = os.fstat(file.fileno()).st_size, list[NDArray[Any]]()
+    while file.tell() < size:
+        if len(arrays) == _MOST_ARRAYS:
+            raise UserError(str(path), f"more than {_MOST_ARRAYS} arrays", expected=_EXPECTED)
+        header = read_npy_header(file, size, f"{path}, array {len(arrays) + 1}")
+        require_memory(str(path), 2 * header.nbytes)
+        arrays.append(header.array(file.read(header.nbytes)))
+    return arrays
 
 
 def open_npz(path: Path, file: BinaryIO) -> zipfile.ZipFile:

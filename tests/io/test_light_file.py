@@ -29,7 +29,7 @@ def view() -> hv.View:
     return hv.simulate(system, hv.random_drive(system, seed=3), planes=["9 mm", "10 mm"], backend="torch")
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".exr"])
+@pytest.mark.parametrize("suffix", [".npz", ".npy", ".exr"])
 @pytest.mark.parametrize("space", list(COLOUR_SPACES))
 def test_every_number_comes_back_as_it_was(view: hv.View, suffix: str, space: str, tmp_path: Path) -> None:
     file = tmp_path / f"light{suffix}"
@@ -69,6 +69,28 @@ def test_an_npy_holds_the_intensity(view: hv.View, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), view.intensity)
 
 
+@pytest.mark.parametrize("one", ["npz", "npy", "exr", "tif"])
+@pytest.mark.parametrize("other", ["npz", "npy", "exr", "tif"])
+def test_each_pair_of_files_is_equal_to_the_last_bit(
+    view: hv.View, one: str, other: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`compare` compares what both hold; `contrast` measures the same; as a target it is the same picture."""
+    files = [tmp_path / f"a.{one}", tmp_path / f"b.{other}"]
+    for file in files:
+        hv.save(view, file)
+    held = "rgb" if "tif" in (one, other) else "xyz, rgb, intensity"
+    assert main(["compare", *map(str, files)]) == 0
+    assert capsys.readouterr().out.splitlines() == [f"{z}: equal to the last bit ({held})" for z in ("9 mm", "10 mm")]
+    found = []
+    for file in files:
+        assert main(["contrast", str(file), "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out)["contrast"])
+    # XYZ of a .tif is made from its RGB, which are rounded to 24 bits
+    assert found[0] == (found[1] if held != "rgb" or one == other else pytest.approx(found[1], rel=1e-6))
+    for first, second in zip(*map(read_pictures, files), strict=True):
+        np.testing.assert_array_equal(first.rgb, second.rgb)
+
+
 def test_openexr_reads_the_spectral_layout(view: hv.View, tmp_path: Path) -> None:
     file = tmp_path / "a.exr"
     hv.save(view.at([1]), file, colour_space="p3")
@@ -104,7 +126,7 @@ def test_several_planes_are_parts_that_openexr_reads(view: hv.View, tmp_path: Pa
         np.testing.assert_array_equal(opened.channels(1)["xyz.Y"].pixels, view.xyz[1, ..., 1])
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".exr", ".tif"])
+@pytest.mark.parametrize("suffix", [".npz", ".npy", ".exr", ".tif"])
 def test_light_is_a_target_to_the_last_bit(view: hv.View, suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"a{suffix}"
     hv.save(view, file)
@@ -147,7 +169,7 @@ def test_numbers_take_no_exposure(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_damaged_and_other_files_are_one_sentence(view: hv.View, tmp_path: Path) -> None:
-    for suffix in (".npz", ".exr", ".tif"):
+    for suffix in (".npz", ".npy", ".exr", ".tif"):
         hv.save(view, tmp_path / f"a{suffix}")
         data = (tmp_path / f"a{suffix}").read_bytes()
         for end in (len(data) // 2, len(data) - 40):

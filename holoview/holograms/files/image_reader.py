@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from holoview.holograms.files.colour_profile import UNREAD_PROFILE, ColourProfile, icc_profile, png_profile
+from holoview.holograms.files.light_arrays import is_npy_of_light, light_arrays
 from holoview.light.numerics.sample_bits import find_bits
 from holoview.util.errors import UserError
 from holoview.util.files import opened_file, read_bytes
 from holoview.util.memory_limit import require_memory
 from holoview.util.packages import import_optional
-from holoview.util.plain_arrays import open_npz, read_npz_array
 from holoview.util.reader_process import Answer, call_in_child, in_child
 from holoview.util.tables import parse_json_table
 
@@ -70,7 +70,8 @@ def file_format(path: Path) -> str:
         raise UserError(str(path), "the file is empty", expected=READABLE_FORMATS)
     if head.startswith(_LIGHT_NPZ[0]) and head[30:].startswith(_LIGHT_NPZ[1]):
         return "NPZ"
-    return next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
+    kind = next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
+    return "NPY of light" if kind == "NPY" and is_npy_of_light(path) else kind
 
 
 def picture_count(path: Path) -> int:
@@ -83,7 +84,8 @@ def picture_count(path: Path) -> int:
 
 
 def _count(path: Path, kind: str) -> int:
-    counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count, "NPZ": npz_count}
+    counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count}
+    counts |= dict.fromkeys(("NPZ", "NPY of light"), light_count)
     with _naming_file(path, kind):
         return counts[kind](path) if kind in counts else 1
 
@@ -773,22 +775,25 @@ def _no_picture_error(path: Path, channels: Iterable[str]) -> UserError:
 # --- light as numbers, in an .npz that holoview wrote ----------------------------------------------------------------
 
 
-def npz_count(path: Path) -> int:
+def light_count(path: Path) -> int:
     """Number of planes."""
-    return len(_npz_rgb(path)[0])
+    return len(_light_rgb(path)[0])
 
 
-def npz_pictures(path: Path) -> Iterator[Raster]:
-    """The linear RGB of each plane. Raises UserError for other archives, ValueError and others for damaged ones."""
-    rgb, primaries = _npz_rgb(path)
+def light_pictures(path: Path) -> Iterator[Raster]:
+    """The linear RGB of each plane of light in a .npz or .npy file.
+
+    Raises UserError for other files, ValueError and others for damaged ones.
+    """
+    rgb, primaries = _light_rgb(path)
     for number, values in enumerate(rgb, start=1):
         page = f"plane {number}" if len(rgb) > 1 else ""
         yield Raster(values.astype(np.float64), None, encoded=False, page=page, primaries=primaries)
 
 
-def _npz_rgb(path: Path) -> tuple[NDArray[Any], Chromaticities]:
-    with opened_file(path, READABLE_FORMATS) as file, open_npz(path, file) as archive:
-        rgb, about = (read_npz_array(path, archive, archive.getinfo(f"{name}.npy")) for name in ("rgb", "about"))
+def _light_rgb(path: Path) -> tuple[NDArray[Any], Chromaticities]:
+    arrays = light_arrays(path)
+    rgb, about = arrays["rgb"], arrays["about"]
     if rgb.ndim != 4 or rgb.shape[3] != 3 or rgb.dtype.kind != "f" or 0 in rgb.shape:
         raise UserError(str(path), f"holds colours of shape {rgb.shape}", expected="(plane, y, x, 3)")
     require_picture_memory(path, rgb.shape[2], rgb.shape[1], 3, rgb.nbytes)
@@ -873,6 +878,7 @@ _READERS: dict[str, Callable[[Path, int | None], Iterable[Raster]]] = {
     "JPEG": lambda path, white: [_read_with_pillow(path)],
     "TIFF": tiff_pictures,
     "OpenEXR": lambda path, white: exr_pictures(path),
-    "NPZ": lambda path, white: npz_pictures(path),
+    "NPZ": lambda path, white: light_pictures(path),
+    "NPY of light": lambda path, white: light_pictures(path),
     "HDR": lambda path, white: [_read_hdr(path)],
 }

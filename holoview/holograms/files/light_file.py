@@ -4,7 +4,8 @@
     .exr          R, G, B with chromaticities; xyz.X, xyz.Y, xyz.Z; S0.550,000000nm of each wavelength (JCGT 10(3),
                   2021); a part for each plane
     .tif          R, G, B, a page for each plane, linear sRGB
-    .npy          the intensity alone, (plane, wavelength, y, x): this format holds nothing beside numbers
+    .npy          the intensity (plane, wavelength, y, x), which `np.load` reads; behind it in the same file, as
+                  `np.save` writes several arrays, the JSON text as bytes, xyz, rgb, wavelengths_m and planes_m
 
 `light_writer` writes them. A file of holoview says so in its JSON text: the attribute "holoview" of an .exr, the
 description of a .tif.
@@ -26,17 +27,17 @@ import tifffile
 from numpy.typing import NDArray
 
 from holoview.holograms.files.image_reader import file_format, read_rasters
+from holoview.holograms.files.light_arrays import light_arrays
 from holoview.light.colour import SRGB_TO_XYZ
 from holoview.util.errors import UserError
-from holoview.util.files import opened_file, read_bytes
+from holoview.util.files import read_bytes
 from holoview.util.memory_limit import require_memory
-from holoview.util.plain_arrays import open_npz, read_npz_array
 from holoview.util.reader_process import call_in_child
 from holoview.util.tables import parse_json_table
 
 SUFFIXES = (".npz", ".exr", ".tif", ".tiff", ".npy")
 FORMAT = "holoview light 1"
-_EXPECTED = "light that holoview wrote (.npz, .exr or .tif)"
+_EXPECTED = "light that holoview wrote (.npz, .npy, .exr or .tif)"
 _MOST_ABOUT = 8 << 20
 
 
@@ -46,7 +47,8 @@ class Light:
 
     intensity: (plane, wavelength, y, x), None where a file doesn't hold it. xyz, rgb: (plane, y, x, 3), rgb linear and
     not clipped, in the colour space that `about` names. wavelengths_m: (wavelength,). planes_m: (plane,). about: JSON
-    values: format, observer, bench, versions.
+    values: format, observer, bench, versions. stored: which of intensity, xyz and rgb a file holds as they were, the
+    others being derived from them.
     """
 
     xyz: NDArray[np.floating]
@@ -55,6 +57,7 @@ class Light:
     wavelengths_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     planes_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     about: Mapping[str, Any] = field(default_factory=dict)
+    stored: tuple[str, ...] = ("xyz", "rgb", "intensity")
 
 
 def is_light_file(path: Path) -> bool:
@@ -62,7 +65,7 @@ def is_light_file(path: Path) -> bool:
     kind = file_format(path)
     if kind in ("OpenEXR", "TIFF"):
         return FORMAT.encode() in read_bytes(path, _EXPECTED, most=_MOST_ABOUT)
-    return kind == "NPZ"
+    return kind in ("NPZ", "NPY of light")
 
 
 def read_light(path: Path) -> Light:
@@ -73,8 +76,8 @@ def read_light(path: Path) -> Light:
     if not is_light_file(path):
         raise UserError(str(path), "holds no light that holoview wrote", expected=_EXPECTED)
     kind = file_format(path)
-    if kind == "NPZ":
-        return _read_npz(path)
+    if kind in ("NPZ", "NPY of light"):
+        return _read_arrays(path)
     return call_in_child(str(path), path, partial(_read_exr if kind == "OpenEXR" else _read_tiff, path))
 
 
@@ -90,13 +93,9 @@ def _naming(path: Path) -> Iterator[None]:
         raise UserError(str(path), f"is truncated or damaged ({reason})", expected=_EXPECTED) from error
 
 
-def _read_npz(path: Path) -> Light:
-    with opened_file(path, _EXPECTED) as file, _naming(path), open_npz(path, file) as archive:
-        arrays = {
-            member.filename.removesuffix(".npy"): read_npz_array(path, archive, member)
-            for member in archive.infolist()
-            if member.filename in {f"{name}.npy" for name in ("intensity", "xyz", "rgb", "about", *_AXES)}
-        }
+def _read_arrays(path: Path) -> Light:
+    with _naming(path):
+        arrays = light_arrays(path)
     if not {"about", "xyz", "rgb"} <= arrays.keys():
         raise UserError(str(path), f"holds the arrays {', '.join(sorted(arrays))}", expected=_EXPECTED)
     about = _parse_about(path, arrays["about"].tobytes())
@@ -109,9 +108,6 @@ def _read_npz(path: Path) -> Light:
         about,
     )
     return _checked(path, light)
-
-
-_AXES = ("wavelengths_m", "planes_m")
 
 
 def _checked(path: Path, light: Light) -> Light:
@@ -185,7 +181,7 @@ def _read_tiff(path: Path) -> Light:
             about = _parse_about(path, str(file.pages[0].description))
         rgb = np.stack([raster.values for raster in read_rasters(path)]).astype(np.float32)
     xyz = rgb @ SRGB_TO_XYZ.T if rgb.shape[-1] == 3 else rgb  # which `_checked` refuses
-    return _checked(path, Light(xyz, rgb, None, np.zeros(0), _numbers(about, "planes_m"), about))
+    return _checked(path, Light(xyz, rgb, None, np.zeros(0), _numbers(about, "planes_m"), about, ("rgb",)))
 
 
 def about_text(about: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import tifffile
 
 from holoview.holograms.files.exr_writer import ExrPart, exr_bytes
+from holoview.holograms.files.light_arrays import LIGHT_ARRAYS
 from holoview.holograms.files.light_file import SUFFIXES, Light, about_text, wavelength_text
 from holoview.light.colour import ColourSpace
 from holoview.util import units
@@ -78,7 +79,8 @@ def write_light(path: str | os.PathLike[str], light: Light) -> None:
         write_file(path, _npz(light))
     elif suffix == ".npy":
         buffer = io.BytesIO()
-        np.save(buffer, intensity, allow_pickle=False)
+        for array in _arrays(light).values():
+            np.save(buffer, array, allow_pickle=False)
         write_file(path, buffer.getbuffer())
     elif suffix == ".exr":
         write_file(path, exr_bytes(_exr_parts(light)))
@@ -87,17 +89,15 @@ def write_light(path: str | os.PathLike[str], light: Light) -> None:
 
 
 def _npz(light: Light) -> memoryview:
-    buffer = io.BytesIO()
-    arrays: dict[str, Any] = {
-        "about": np.frombuffer(about_text(light.about).encode(), np.uint8),  # first: by it the file is recognised
-        "intensity": light.intensity,
-        "xyz": light.xyz,
-        "rgb": light.rgb,
-        "wavelengths_m": light.wavelengths_m,
-        "planes_m": light.planes_m,
-    }
-    np.savez(buffer, **arrays)
+    buffer, arrays = io.BytesIO(), _arrays(light)
+    np.savez(buffer, about=arrays.pop("about"), **arrays)  # first: by it the file is recognised
     return buffer.getbuffer()
+
+
+def _arrays(light: Light) -> dict[str, Any]:
+    """The arrays of `LIGHT_ARRAYS`, in this order."""
+    about = {"about": np.frombuffer(about_text(light.about).encode(), np.uint8)}
+    return {name: np.asarray(about[name] if name in about else getattr(light, name)) for name in LIGHT_ARRAYS}
 
 
 def _exr_parts(light: Light) -> list[ExrPart]:

@@ -145,16 +145,15 @@ def delta_e_map_xyz(image: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
 def light_differences(light: Light, reference: Light) -> list[dict[str, Any]]:
     """How far the light of each plane is from a reference with as many samples, as JSON values.
 
-    equal: whether XYZ, and where both have them RGB of one colour space and intensities, are the same numbers bit by
-    bit; quantities: which were compared. psnr_db: of linear sRGB, clipped. delta_e: mean CIEDE2000. largest_xyz: the
+    equal: whether what both files store of XYZ, RGB of one colour space and intensities is the same bit by bit, or else
+    XYZ; quantities: which were compared. psnr_db: of linear sRGB, clipped. delta_e: mean CIEDE2000. largest_xyz: the
     largest difference.
     """
-    names = ["xyz"]
-    if light.about.get("rgb_space") == reference.about.get("rgb_space"):
-        names.append("rgb")
-    shapes = [None if each.intensity is None else each.intensity.shape for each in (light, reference)]
-    if None not in shapes:
-        names.append("intensity")
+    same_space = light.about.get("rgb_space") == reference.about.get("rgb_space")
+    names = [name for name in light.stored if name in reference.stored and (name != "rgb" or same_space)]
+    if light.intensity is None or reference.intensity is None or light.intensity.shape != reference.intensity.shape:
+        names = [name for name in names if name != "intensity"]
+    names = names or ["xyz"]
     rows = []
     for plane, (seen, wanted) in enumerate(zip(light.xyz, reference.xyz, strict=True)):
         rgb, wanted_rgb = (xyz_to_linear_srgb(xyz) for xyz in (seen, wanted))
