@@ -59,11 +59,14 @@ def written(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Written
     seen = system.with_(eye=EYE)
     eye = hv.Hologram(hv.random_drive(seen, seed=3), seen)
     planes = tuple(system.planes_m.tolist())
-    target = Target((rng.random((len(planes), 96, 128, 3)) ** 2).astype(np.float32), planes, "noise")
+    seen_of_first = hv.simulate(system, first.drive, planes=planes, backend="torch").rgb
+    shown = np.clip(seen_of_first, 0, 1) * rng.uniform(0.7, 1.3, (len(planes), 96, 128, 1))  # which the first shows
+    target = Target(np.clip(shown, 0, 1).astype(np.float32), planes, "light of the first")
     pages = Written(folder, first, second, eye, target)
     both = {"one </script><b>": first, "two": second}
     export_html(pages.page, both, target=target, title="Two & more", note="<i>plain</i>", region=REGION)
     export_html(pages.eye_page, {"eye": eye})
+    export_html(folder / "other.html", {"two": second}, target=target, region=REGION)
     return pages
 
 
@@ -188,12 +191,32 @@ def test_the_page_measures_what_the_metrics_measure(browser: Browser, written: W
     assert found["samples"] == contrast.n_pixels == sum(found["histogram"])
     expected = psnr_linear_srgb(view.rgb[0], srgb_decode(codes / 255)).mean_db
     assert whole["psnr_db"] == pytest.approx(expected, abs=2e-3)
-    shown = measure_region(view.xyz[0], REGION, written.target.stack[2]).contrast  # as the viewer does
+    measured = measure_region(view.xyz[0], REGION, written.target.stack[2])  # as the viewer does
+    shown = measured.contrast
+    assert shown is not None
     said = page.inner_text("#claims")
     assert "the structure of the target divided out" in said
-    assert f"{shown:.3f} in the file, {contrast.contrast:.3f} computed here" in said
+    assert f"{shown:.3f} ± {measured.standard_error:.3f} in the file, {contrast.contrast:.3f} computed here" in said
     # the page's target has 8 bits: rounding by 1/2 of 255 changes tones by 1 %, and their ratios' spread by far less
     assert contrast.contrast == pytest.approx(shown, rel=5e-3)
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.folder / "other.html")
+    box = dict(zip(("x", "y", "width", "height"), REGION, strict=True))
+    found = page.evaluate("region => window.holoview.measure(region)", box)
+    view = hv.simulate(written.second.system, written.second.drive, planes=[10e-3], backend="torch64")
+    known = measure_region(view.xyz[0], REGION, written.target.stack[2])
+    assert found["contrast"] is None is known.contrast and not found["divided"]
+    assert "doesn't show the target" in found["withheld"] and "doesn't show the target" in known.withheld
+    assert found["raw_contrast"] == pytest.approx(known.raw_contrast, rel=1e-4)
+    assert "withheld in the file, withheld computed here" in page.inner_text("#claims")
+    set_state(page, plane_m=9.7e-3)  # between the planes of the target, which is out of focus there
+    between = page.evaluate("region => window.holoview.measure(region)", box)
+    assert between["contrast"] is None and "psnr_db" not in between
+    assert between["withheld"].startswith("the page holds the target at 9.000 mm")
     assert browser.close_pages() == []
 
 

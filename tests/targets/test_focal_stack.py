@@ -357,7 +357,7 @@ def test_a_stack_becomes_the_target_of_the_planes(tmp_path: Path, bench: Bench) 
     target = target_from_stack(system, pages(tmp_path, LIGHT[:5]), brightness=0.5)
     assert (target.stack == LIGHT[:5] * np.float32(0.5)).all() and target.brightness == 0.5
     assert target.planes_m == tuple(system.planes_m) and target.source == str(tmp_path / "stack.tif")
-    assert target.notes == ()
+    assert target.notes == ("states no colour space: taken as linear sRGB",)
 
 
 def test_a_stack_is_fitted_to_the_simulation_grid(tmp_path: Path, bench: Bench) -> None:

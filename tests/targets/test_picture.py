@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageCms
 
 import holoview as hv
 from holoview.holograms.targets.picture import read_picture, resize_to_cover, scale_saturation, srgb_from_primaries
@@ -28,6 +30,7 @@ from holoview.light.colour import (
 from holoview.util.errors import UserError
 
 CODES = np.array([[[0, 10, 188], [255, 128, 64]], [[1, 2, 3], [90, 200, 250]], [[17, 17, 17], [254, 1, 99]]], np.uint8)
+ASSUMED = "states no colour space: taken as sRGB"
 FLOAT32_EPSILON = 1e-7  # light is kept in float32, whose spacing below 1 is 6e-8
 
 
@@ -44,7 +47,24 @@ def test_8_bit_rgb_png_is_decoded_with_the_srgb_curve(tmp_path: Path) -> None:
     picture = read_picture(tmp_path / "a.png")
     assert picture.rgb.dtype == np.float32
     assert picture.rgb == pytest.approx(srgb_decode(CODES / 255), abs=FLOAT32_EPSILON)
-    assert picture.notes == () and picture.source == str(tmp_path / "a.png")
+    assert picture.notes == (ASSUMED,) and picture.source == str(tmp_path / "a.png")
+
+
+def test_a_stated_space_is_no_assumption(tmp_path: Path) -> None:
+    """By a profile, by the chunk sRGB of a PNG, by the EXIF of a camera; of grey and of XYZ nothing is assumed."""
+    picture, exif = Image.fromarray(CODES), Image.Exif()
+    exif.get_ifd(0x8769)[0xA001] = 1
+    picture.save(tmp_path / "a.png", icc_profile=ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
+    picture.save(tmp_path / "b.jpg", exif=exif)
+    picture.save(tmp_path / "c.png")
+    data, chunk = (tmp_path / "c.png").read_bytes(), b"sRGB\0"
+    packed = struct.pack(">I", 1) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "c.png").write_bytes(data[:33] + packed + data[33:])
+    for name in ("a.png", "b.jpg", "c.png"):
+        assert read_picture(tmp_path / name).notes == (), name
+    tifffile.imwrite(tmp_path / "d.tif", np.full((2, 2, 3), 0.3, np.float32), photometric="rgb")
+    assert read_picture(tmp_path / "d.tif").notes == ("states no colour space: taken as linear sRGB",)
+    assert not any("taken as" in note for note in read_picture(tmp_path / "d.tif", space="xyz").notes)
 
 
 def test_code_188_is_half_the_light_of_white(tmp_path: Path) -> None:
@@ -101,7 +121,7 @@ def test_alpha_scales_linear_light_over_black_and_is_noted(tmp_path: Path) -> No
     Image.new("RGBA", (2, 2), (255, 188, 0, 51)).save(tmp_path / "a.png")
     picture = read_picture(tmp_path / "a.png")
     assert picture.rgb[0, 0] == pytest.approx(srgb_decode(np.array([255, 188, 0]) / 255) * 0.2, abs=FLOAT32_EPSILON)
-    assert picture.notes == ("alpha composited over black",)
+    assert picture.notes == ("alpha composited over black", ASSUMED)
 
 
 def test_jpeg_is_read_within_its_own_losses(tmp_path: Path) -> None:
@@ -116,7 +136,7 @@ def test_a_camera_picture_is_turned_upright(tmp_path: Path) -> None:
     Image.new("RGB", (32, 16), (9, 9, 9)).save(tmp_path / "a.jpg", exif=exif)
     picture = read_picture(tmp_path / "a.jpg")
     assert picture.rgb.shape == (32, 16, 3)
-    assert picture.notes == ("turned upright as the camera's orientation flag says",)
+    assert picture.notes == ("turned upright as the camera's orientation flag says", ASSUMED)
 
 
 def test_cmyk_jpeg_is_converted(tmp_path: Path) -> None:
@@ -160,7 +180,7 @@ def test_the_first_of_many_tiff_pages_is_used_and_noted(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.stack([CODES, CODES // 2]), photometric="rgb")
     picture = read_picture(tmp_path / "a.tif")
     assert picture.rgb == pytest.approx(srgb_decode(CODES / 255), abs=FLOAT32_EPSILON)
-    assert picture.notes == ("2 pictures, page 1 is used",)
+    assert picture.notes == ("2 pictures, page 1 is used", ASSUMED)
 
 
 def test_premultiplied_tiff_alpha_is_not_applied_twice(tmp_path: Path) -> None:

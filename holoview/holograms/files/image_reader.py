@@ -41,6 +41,8 @@ READABLE_FORMATS = "a Radiance HDR, PNG, JPEG, TIFF or OpenEXR picture"
 EXIF_ORIENTATION = 0x0112
 """Number of the tag by which a camera says how its picture is to be turned."""
 
+_EXIF_IFD, _EXIF_COLOUR_SPACE, _EXIF_SRGB = 0x8769, 0xA001, 1
+
 _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"\x89PNG\r\n\x1a\n", "PNG"),
     (b"\xff\xd8\xff", "JPEG"),
@@ -170,12 +172,16 @@ def _read_png(path: Path, white: int | None) -> Raster:
         significant = next(iter(chunks.get(b"sBIT", b"")), 0)
         scaled = unit_range(decode_deep_png(data), white, (1 << significant) - 1, "sBIT")
         raster = replace(split_alpha(scaled.values, encoded=True, notes=scaled.notes), white=scaled.white)
-    return _with_profile(replace(raster, notes=(*raster.notes, note) if note else raster.notes), profile)
+    notes, is_stated = (*raster.notes, note) if note else raster.notes, raster.is_stated or b"sRGB" in chunks
+    return _with_profile(replace(raster, notes=notes, is_stated=is_stated), profile)
 
 
 def _with_profile(raster: Raster, profile: ColourProfile | None) -> Raster:
-    """A display signal with the colour space that its file states, which a remark names."""
-    if profile is None or profile.is_srgb:
+    """A display signal with the colour space that its file states, which a remark names unless it is sRGB."""
+    if profile is None:
+        return raster
+    raster = replace(raster, is_stated=True)
+    if profile.is_srgb:
         return raster
     return replace(raster, profile=profile, notes=(*raster.notes, f"converted from its colour space, {profile.title}"))
 
@@ -206,7 +212,9 @@ def _decode_with_pillow(path: Path) -> Raster:
     if opened.format == "JPEG" and (data := opened.info.get("icc_profile")):
         profile = icc_profile(data) if opened.mode in ("L", "RGB") else None
         notes += () if profile else (UNREAD_PROFILE,)
-    return _with_profile(split_alpha(integers_to_unit_range(np.asarray(upright)), encoded=True, notes=notes), profile)
+    is_stated = opened.getexif().get_ifd(_EXIF_IFD).get(_EXIF_COLOUR_SPACE) == _EXIF_SRGB
+    raster = split_alpha(integers_to_unit_range(np.asarray(upright)), encoded=True, notes=notes)
+    return _with_profile(replace(raster, is_stated=is_stated), profile)
 
 
 # --- the decoded image, before its colours are interpreted ------------------------------------------------------------
@@ -231,7 +239,7 @@ class Raster:
     premultiplied: whether the colours are already multiplied by alpha. notes: changes that were made, for the user.
     page: which picture of a file with several, in words. primaries: the chromaticities that the file states.
     white: the number in the file that became 1, None for floats and samples of 8 bits. profile: the colour space of a
-    display signal that the file states, None for sRGB.
+    display signal that the file states, None for sRGB. is_stated: whether the file states the space of a signal.
     """
 
     values: NDArray[np.float64]
@@ -243,6 +251,7 @@ class Raster:
     primaries: Chromaticities | None = None
     white: int | None = None
     profile: ColourProfile | None = None
+    is_stated: bool = False
 
 
 def integers_to_unit_range(samples: NDArray[Any], full_scale: int | None = None) -> NDArray[np.float64]:
@@ -657,6 +666,7 @@ def _exr_raster(channels: Mapping[str, Any], location: _ImageLocation, part: _Pa
         notes=location.notes,
         page=location.page,
         primaries=part.primaries if len(names) == 3 else None,
+        is_stated=True,  # without chromaticities an .exr holds the primaries of BT.709, as its format says
     )
 
 

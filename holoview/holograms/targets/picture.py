@@ -71,7 +71,7 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
         light = _composite_over_black(where, raster, light)
         notes.append("alpha composited over black")
     light, note = to_linear_srgb(where, raster, light, space)
-    notes += [note] if note else []
+    notes += [note] if note else _assumptions(raster, space)
     if light.shape[-1] == 1:
         light = np.repeat(light, 3, axis=-1)
         notes.append("grey copied to red, green and blue")
@@ -83,6 +83,15 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
     if rgb.min() < 0:
         notes.append(f"values down to {rgb.min():.4g} kept: colours outside sRGB")
     return Picture(rgb, where, tuple(notes), raster.white)
+
+
+def _assumptions(raster: Raster, space: str) -> list[str]:
+    """What is assumed of colours that the file doesn't describe, and no other note tells; nothing of grey ones."""
+    if raster.values.shape[-1] != 3 or raster.is_stated or raster.primaries is not None or space == "xyz":
+        return []
+    if any("taken as" in note for note in raster.notes):
+        return []
+    return [f"states no colour space: taken as {'sRGB' if raster.encoded else 'linear sRGB'}"]
 
 
 def _decoded_in_blocks(values: NDArray[np.float64], profile: ColourProfile | None) -> NDArray[np.float64]:
