@@ -50,6 +50,7 @@ from holoview.evidence.study.study import StudyFigure
 from holoview.holograms.files.image_reader import file_format
 from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.hologram import Hologram
+from holoview.holograms.metrics.grains import PixelNoise, SumNoise
 from holoview.holograms.metrics.image_quality import central_region, contrast_by_pupil, picture_luminance
 from holoview.holograms.metrics.photograph import (
     MOST_SATURATED,
@@ -332,7 +333,8 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
         if args.together is not None:
             raise UserError("--together", "without --lasers", expected="both, or neither")
         whole, lasers = photographs[0], photographs[0].channels
-        light, noise = whole.luminance, whole.luminance_noise
+        light = whole.luminance
+        noise: PixelNoise | SumNoise | None = whole.luminance_noise
     else:
         lasers = photographs_of_lasers(photographs, wavelengths_m)
         if args.together is not None:
@@ -341,7 +343,8 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
                 raise UserError(str(args.together), "another size than the others", expected="the same camera, unmoved")
             light, noise = whole.luminance, whole.luminance_noise
         else:
-            whole, light, noise = photographs[0], np.tensordot(lasers.luminances, lasers.intensity, axes=1), None
+            whole, light = photographs[0], np.tensordot(lasers.luminances, lasers.intensity, axes=1)
+            noise = lasers.noise and SumNoise.of(lasers.luminances, lasers.intensity, lasers.noise)
     chosen = region or central_region(light.shape)
     saturated = {note: None for photo in {id(p): p for p in (*photographs, whole)}.values() for note in (
         check_saturation(photo, chosen, statements)

@@ -36,8 +36,8 @@ def _grey(luminance: np.ndarray) -> np.ndarray:
     return np.repeat(luminance[..., None], 3, axis=-1)
 
 
-@pytest.mark.parametrize(("stray", "share"), [(0.0, 1.0), (1.0, 0.5), (3.0, 0.25)])
-def test_the_share_is_the_slope_of_the_picture_on_its_target(stray: float, share: float) -> None:
+@pytest.mark.parametrize("stray", [0.0, 1.0, 3.0])
+def test_the_share_is_the_slope_of_the_picture_on_its_target(stray: float) -> None:
     """Over 24 draws the mean share is right within 5 of its standard errors, and they scatter as it is said.
 
     The deviation of 24 normal numbers is within 0.5 and 1.6 of the true one but for 1 in 10⁵ (χ² of 23 degrees).
@@ -45,6 +45,7 @@ def test_the_share_is_the_slope_of_the_picture_on_its_target(stray: float, share
     target = _target()
     found = [likeness((target + stray) * _speckle(seed), target) for seed in range(24)]
     shares, stated = np.array([of.share for of in found]), np.mean([of.standard_error for of in found])
+    share = target.mean() / (target.mean() + stray)
     assert shares.mean() == pytest.approx(share, abs=5 * stated / np.sqrt(24))
     assert 0.5 < shares.std(ddof=1) / stated < 1.6
 

@@ -15,7 +15,7 @@ from PIL import Image
 from holoview.commands import cli
 from holoview.holograms.metrics.photograph import censored_estimate
 from holoview.holograms.metrics.speckle import speckle_pattern
-from holoview.light.colour import srgb_encode
+from holoview.light.colour import observer_weights, srgb_encode
 
 SIDE, GAIN, READ, BLACK = 200, 4.0, 8.0, 64.0
 Floats = NDArray[np.float64]
@@ -217,3 +217,35 @@ def test_mistakes_are_named(folder: Path, capsys: pytest.CaptureFixture[str], ar
     tifffile.imwrite("small.tiff", np.full((20, 20), 70, np.uint16))
     tifffile.imwrite("black.tiff", np.full((SIDE, SIDE), 64, np.uint16))
     assert said in _refused(capsys, *arguments)
+
+
+def test_the_camera_s_noise_is_taken_off_groups_and_of_lasers_added(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Drawn photographs of few electrons: three independent lasers, two of them red, gamma laws of known contrast.
+
+    The red group's light has the luminance weights w: C² = Σ(w·m·C)²/(Σw·m)², and so has the sum of all.
+    """
+    rng, side, gain, read, black = np.random.default_rng(3), 192, 2.0, 6.0, 100.0
+    lasers_nm, counts, contrasts = (638, 610, 532), np.array([40.0, 30.0, 50.0]), np.array([0.5, 0.4, 0.6])
+    for nm, mean, c in zip(lasers_nm, counts, contrasts, strict=True):
+        light = mean * rng.gamma(c**-2, c**2, (side, side))
+        electrons = rng.poisson(gain * light) + rng.normal(0, read, (side, side))
+        Image.fromarray(np.rint(electrons / gain + black).astype(np.uint16)).save(f"{nm}.png")
+    known = ("--black", f"{black:g}", "--gain", f"{gain:g}", "--read-noise", f"{read:g}", "--linear")
+    names = [f"{nm}.png" for nm in lasers_nm]
+    region = ("--region", f"0,0,{side},{side}")
+    lasers = ("--lasers", ",".join(map(str, lasers_nm)) + "nm")
+    found = _measured(capsys, *names, *lasers, *known, *region)
+    weights = counts * observer_weights("eye", np.array(lasers_nm) * 1e-9)[:, 1]
+
+    def expected(of: slice) -> float:
+        return float(np.linalg.norm(weights[of] * contrasts[of]) / weights[of].sum())
+
+    for name, stated, known_contrast in (
+        ("red", found["groups"]["red"], expected(slice(0, 2))),
+        ("green", found["groups"]["green"], 0.6),
+        ("all", found, expected(slice(0, 3))),
+    ):
+        assert abs(stated["contrast"] - known_contrast) < 5 * stated["standard_error"], name
+        assert stated["standard_error"] < 0.02 * known_contrast, "so that the noise would show"

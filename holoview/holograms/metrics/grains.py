@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holoview.holograms.metrics.speckle import Floats, SpecklePattern, speckle_pattern
-from holoview.light.numerics.sampling import Region
+from holoview.light.numerics.sampling import Region, region_slices
 
 FEW_GRAINS = 30
 """Grains below which a contrast and its standard error are rough, and both come out too low."""
@@ -81,6 +81,24 @@ class PixelNoise:
         return np.asarray(shot + self.read_noise_counts**2)
 
 
+@dataclass(frozen=True, eq=False)
+class SumNoise:
+    """The noise of a sum of pictures of one camera, each weighted. variance: (y, x). gain_error: as of `PixelNoise`."""
+
+    variance: Floats
+    gain_error: float = 0.0
+
+    @staticmethod
+    def of(weights: ArrayLike, light: ArrayLike, noise: PixelNoise) -> SumNoise:
+        """Of Σ w·s for weights (picture,) and pictures (picture, y, x): Σ w²·(r² + s/g)."""
+        squares = np.square(np.asarray(weights, dtype=np.float64))
+        return SumNoise(np.tensordot(squares, noise.variance(np.asarray(light)), axes=1), noise.gain_error)
+
+    def within(self, region: Region) -> SumNoise:
+        """That of a region of the pictures."""
+        return SumNoise(self.variance[region_slices(region)], self.gain_error)
+
+
 def estimate_contrast(
     intensity: ArrayLike, region: Region | None = None, target: ArrayLike | None = None
 ) -> ContrastEstimate:
@@ -88,11 +106,11 @@ def estimate_contrast(
     return contrast_estimate(speckle_pattern(intensity, region, target))
 
 
-def contrast_estimate(pattern: SpecklePattern, noise: PixelNoise | None = None) -> ContrastEstimate:
+def contrast_estimate(pattern: SpecklePattern, noise: PixelNoise | SumNoise | None = None) -> ContrastEstimate:
     """Speckle contrast of a pattern with its standard error. Raises UserError for one without light.
 
-    noise: of the pixels, whose variance is taken off: C² = C_m² − ⟨r² + s/g⟩/μ², with the standard error of C_m times
-    C_m/C and that by the error of g. 0 where nothing is left.
+    noise: of the pixels of the pattern's image, whose variance is taken off: C² = C_m² − ⟨r² + s/g⟩/μ², with the
+    standard error of C_m times C_m/C and that by the error of g. 0 where nothing is left.
     """
     found, grains = pattern.contrast, grains_of(pattern)
     if found.std == 0.0:
@@ -109,10 +127,15 @@ def contrast_estimate(pattern: SpecklePattern, noise: PixelNoise | None = None) 
     return ContrastEstimate(contrast, math.hypot(error * found.contrast / scale, by_gain), grains, share)
 
 
-def _noise_share(pattern: SpecklePattern, noise: PixelNoise) -> float:
+def noise_variance(pattern: SpecklePattern, noise: PixelNoise | SumNoise) -> Floats:
+    """Variance (y, x) of the noise of a pattern's values."""
+    of_image = noise.variance if isinstance(noise, SumNoise) else noise.variance(pattern.values * pattern.unit)
+    return np.asarray(of_image / np.square(pattern.unit))
+
+
+def _noise_share(pattern: SpecklePattern, noise: PixelNoise | SumNoise) -> float:
     """Mean variance of the noise of a pattern's values over the square of their mean."""
-    variance = noise.variance(pattern.values * pattern.unit) / np.square(pattern.unit)
-    return float(variance[pattern.usable].mean()) / pattern.contrast.mean**2
+    return float(noise_variance(pattern, noise)[pattern.usable].mean()) / pattern.contrast.mean**2
 
 
 def grains_of(pattern: SpecklePattern) -> Grains:

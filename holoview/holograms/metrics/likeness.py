@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, contrast_estimate
+from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate
 from holoview.holograms.metrics.speckle import SpeckleContrast, SpecklePattern, speckle_pattern, target_luminance
 from holoview.light.numerics.sampling import Region, region_slices
 
@@ -66,13 +66,14 @@ def luminance_contrast(
     luminance: NDArray[np.floating],
     region: Region,
     target: NDArray[np.floating] | None = None,
-    noise: PixelNoise | None = None,
+    noise: PixelNoise | SumNoise | None = None,
 ) -> LuminanceContrast:
     """The contrast of a region of a luminance (y, x), as viewer, page, `contrast` and `report` state it.
 
     target: (y, x, 3) in linear sRGB, whose structure is divided out unless it is black in the region. noise: of a
-    camera's pixels, which is taken off. Raises UserError as `speckle_contrast` does.
+    camera's pixels in the luminance, which is taken off. Raises UserError as `speckle_contrast` does.
     """
+    noise = noise.within(region) if isinstance(noise, SumNoise) else noise
     plain = speckle_pattern(luminance, region)
     raw = plain.contrast
     known = None if target is None else target_luminance(target, region)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
-from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, contrast_estimate
+from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate, noise_variance
 from holoview.holograms.metrics.likeness import Likeness, luminance_contrast
 from holoview.holograms.metrics.speckle import Floats, SpecklePattern, speckle_pattern
 from holoview.light.numerics.sampling import Region, region_slices
@@ -249,7 +249,7 @@ def measure_speckle(
     region: Region,
     target: NDArray[np.floating] | None = None,
     lasers: LaserImages | None = None,
-    noise: PixelNoise | None = None,
+    noise: PixelNoise | SumNoise | None = None,
 ) -> SpeckleMeasurement:
     """Measures a region of an image.
 
@@ -343,9 +343,9 @@ def laser_pattern(intensity: Floats, basis: Floats | None) -> SpecklePattern:
 def _groups(
     groups: Sequence[str], shares: Floats, patterns: Sequence[SpecklePattern], noise: PixelNoise | None
 ) -> dict[str, ContrastEstimate]:
-    """The contrast of the luminance of the lasers of each group that has any; groups: of each laser.
+    """The contrast of the luminance of the lasers of each group that has any, without a camera's noise.
 
-    Of one laser it is that laser's; of several, a camera's noise isn't taken off their sum.
+    groups: of each laser.
     """
     found = {}
     for name in GROUPS:
@@ -354,8 +354,13 @@ def _groups(
             found[name] = contrast_estimate(patterns[own[0]], noise)
         elif own:
             usable = reduce(np.logical_and, (patterns[i].usable for i in own))
-            values = sum(shares[i] * patterns[i].values / patterns[i].contrast.mean for i in own)
-            found[name] = contrast_estimate(SpecklePattern(np.asarray(values), usable))
+            weights = [shares[i] / patterns[i].contrast.mean for i in own]
+            values = sum(weight * patterns[i].values for weight, i in zip(weights, own, strict=True))
+            of_sum = None
+            if noise is not None:
+                parts = [w**2 * noise_variance(patterns[i], noise) for w, i in zip(weights, own, strict=True)]
+                of_sum = SumNoise(np.sum(parts, axis=0), noise.gain_error)
+            found[name] = contrast_estimate(SpecklePattern(np.asarray(values), usable), of_sum)
     return found
 
 
