@@ -533,6 +533,7 @@ def pushes(rng: Random) -> Case:
 
 _VALUES = (*HOSTILE, "-1", "5", "60", "2.5", "1e6", "a,b", "0,0,4,4", "4,4,1,1")
 _CONTRAST = ("region", "dark", "black", "gain", "read-noise", "repeat", "lasers", "together", "edge", "target")
+_REPORT = ("edge", "contrast-ratio", "region", "observer", "plane", "target")
 _METER = ("f-number", "pixel", "bits", "exposure")
 _EYES = ("age", "field", "person", "lens", "macula", "L", "shift-M", "nosuch")
 _WORDS = ("C", "C<", "C < 0.4", "C < nan", "C > 1e999", "PSNR > 3", "<", "C == C", "0.4 < C", "C < " + "9" * 3000)
@@ -570,7 +571,7 @@ def _response_table(rng: Random) -> bytes:
 
 def measures(rng: Random) -> Case:
     """Photographs, instruments, observers, profiles, files of light and claims on a hologram."""
-    kind, value = int(rng.integers(8)), chosen(rng, _VALUES)
+    kind, value = int(rng.integers(10)), chosen(rng, _VALUES)
     bench, photograph = {"bench.toml": BENCH.encode()}, {"seen.png": _picture_png(rng)}
     light = valid("light")
     name = chosen(rng, sorted(light))
@@ -589,6 +590,11 @@ def measures(rng: Random) -> Case:
         ),
         6: ({name: _damaged(rng, light[name])}, (chosen(rng, ("contrast", "compare")), name, "--json")),
         7: (valid("hologram"), ("report", "hologram.safetensors", "-o", "r.html", f"--claim={chosen(rng, _WORDS)}")),
+        8: (valid("hologram"), ("report", "hologram.safetensors", "-o", "r.html", f"--{chosen(rng, _REPORT)}={value}")),
+        9: (
+            valid("hologram") | {"picture.png": _picture_png(rng)},
+            ("contrast", "hologram.safetensors", "--target", "picture.png", "--json"),
+        ),
     }
     files, arguments = commands[kind]
     if arguments[0] == "compare":

@@ -202,7 +202,7 @@ def _light(folder: Path) -> None:
     """Light at a plane as numbers, in every format that is read back, and a Radiance picture."""
     system = small_system()
     view = hv.simulate(system, hv.random_drive(system), backend="torch")  # cases are forked, which no GPU survives
-    for suffix in ("npz", "exr", "tif"):
+    for suffix in ("npz", "npy", "exr", "tif"):
         hv.save(view, folder / f"light.{suffix}")
     rows = np.random.default_rng(5).integers(1, 256, (24, 32, 4), dtype=np.uint8)
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 24 +X 32\n"
