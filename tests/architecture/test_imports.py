@@ -68,6 +68,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.viewer.render.point_probe", "holoview.light.engine.point_light"): SLOW,
     ("holoview.viewer.document.measurements", "holoview.holograms.metrics.perceptual"): SLOW,
     ("holoview.viewer.document.measurements", "scipy"): SLOW,
+    ("holoview.viewer.document.measurements", "holoview.holograms.metrics.speckle_measurement"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.solve"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.forward_model"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.parallel"): SLOW,

@@ -76,9 +76,10 @@ def test_patterns_are_of_one_hologram(holoview: Run, file: Path) -> None:
 def test_a_contrast_can_be_computed_again_by_a_reader(holoview: Run, file: Path, tmp_path: Path) -> None:
     outcome = holoview("contrast", file, "--plane", "9.5mm", "--region", "8,8,20,20", "--live", "claim.html", "--json")
     assert outcome.code == 0
-    contrast = json.loads(outcome.out)["contrast"]
+    found = json.loads(outcome.out)
     text = (tmp_path / "claim.html").read_text(encoding="utf-8")
-    assert f'"value":"{contrast:.3f}","region":{{"x":8,"y":8,"width":20,"height":20}}' in text
+    stated = json.dumps(f"{found['contrast']:.3f} ± {found['standard_error']:.3f}")
+    assert f'"value":{stated},"region":{{"x":8,"y":8,"width":20,"height":20}}' in text
     assert '"plane_m":0.0095' in text
 
 

@@ -586,10 +586,9 @@ class ComparedScheme:
     document: Document
     contrast: float | None
 
-    @property
-    def text(self) -> str:
-        """The contrast in words."""
-        return "withheld, the target isn't shown" if self.contrast is None else f"{self.contrast:.3f}"
+    def words(self, places: int = 3) -> str:
+        """The contrast with some decimal places, or that it is withheld."""
+        return "withheld, the target isn't shown" if self.contrast is None else f"{self.contrast:.{places}f}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -603,7 +602,9 @@ class SchemeComparison:
     @property
     def summary(self) -> str:
         """The comparison in one line of text."""
-        sides = "; ".join(f"{compared.name}: speckle contrast {compared.text}" for compared in (self.left, self.right))
+        sides = "; ".join(
+            f"{compared.name}: speckle contrast {compared.words()}" for compared in (self.left, self.right)
+        )
         return f"{sides} ({self.method})"
 
 
@@ -642,7 +643,7 @@ def start_scheme_comparison(session: EditingSession, iterations: int = 0) -> Sch
         job.result = result
         for old in [pinned for pinned in session.snapshots if pinned.startswith(NAMES)]:
             session.unpin(old)
-        names = [f"{compared.name}: contrast {compared.text}" for compared in (result.left, result.right)]
+        names = [f"{compared.name}: contrast {compared.words(2)}" for compared in (result.left, result.right)]
         a, b = (
             ComparisonSide("snapshot", session.pin(name, compared.document))
             for name, compared in zip(names, (result.left, result.right), strict=True)

@@ -89,7 +89,7 @@ class SpecklePanel(Panel):
         command_button(context, "Simultaneous beside HoloChrome", "Compare##showcase", width=-1)
         if self.comparison is not None:
             for compared in (self.comparison.left, self.comparison.right):
-                imgui.text_wrapped(f"{compared.name}: contrast {compared.text}")
+                imgui.text_wrapped(f"{compared.name}: contrast {compared.words()}")
             imgui.text_disabled(self.comparison.method)
 
     def _compare(self, context: AppContext) -> None:
