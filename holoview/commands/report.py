@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from holoview.commands.arguments import add_observer, parse_region, system_from_args, whole, with_changes
-from holoview.commands.console import print_json, progress_bar
+from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import add_field_options, check_no_field_options, is_preset, open_files
 from holoview.commands.output_files import add_input, add_output, check_files
 from holoview.commands.speckle_options import (
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     beside = args.output.with_suffix(".json")
     check_files(args, {"-o": [args.output, beside]})
     holograms = _holograms(args)
-    reviewed, planes_m = [], []
+    reviewed, planes_m, notes = [], list[float](), dict[str, None]()
     with progress_bar("measuring") as progress:
         for number, (name, digest, hologram) in enumerate(holograms):
             progress(number, len(holograms), name)
@@ -111,11 +111,13 @@ def run(args: argparse.Namespace) -> int:
             )
             rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
             region = central_region((rows, columns)) if args.region is None else parse_region(args.region)
-            target = target_from_args(args, system)
+            target = target_from_args(args, system, lambda text: notes.update({text: None}))
             planes_m.append(plane_m)
             edge = () if args.edge is None else edge_rows(hologram, meter, parse_region(args.edge))
             display = _display_contrast(system, args, partial(progress, number, len(holograms)))
             reviewed.append(review_hologram(name, digest, hologram, plane_m, region, target, meter, edge, display))
+    for note in notes:
+        print_stderr(f"note: {note}")
     title = args.title or f"Speckle report: {', '.join(name for name, _, _ in holograms)}"
     seeds = {"colours drawn": DRAW_SEED}
     if any(not digest for _, digest, _ in holograms):
@@ -126,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     live = ""
     if args.live:
         first = holograms[0][2]
-        source = target_from_args(args, first.system)
+        source = target_from_args(args, first.system, lambda text: None)  # it was told above
         named = {name: hologram for name, _, hologram in holograms}
         built = None if source is None else source.with_plane(planes_m[0])
         measured = None if meter.name else reviewed[0].region  # a page measures without an instrument

@@ -25,6 +25,7 @@ from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.progress import TextCallback
 
 _MOST_SHOWN = 12  # lasers in a matrix of text
 
@@ -44,15 +45,17 @@ def add_target(parser: argparse._ActionsContainer) -> None:
     add_input(parser, "--depth", metavar="PICTURE", help="its depth map: black is nearest to the viewer")
 
 
-def target_from_args(args: argparse.Namespace, system: System) -> TargetSource | None:
-    """The target of --target for a bench; None without one. Raises UserError for --depth alone, and for bad files."""
+def target_from_args(
+    args: argparse.Namespace, system: System, tell: TextCallback = lambda text: print_stderr(f"note: {text}")
+) -> TargetSource | None:
+    """The target of --target for a bench; None without one. tell: called with each note on its files.
+
+    Raises UserError for --depth alone, and for bad files.
+    """
     if args.target is None:
         if args.depth is not None:
             raise UserError("--depth", "without --target", expected="both, or neither")
         return None
-
-    def tell(text: str) -> None:
-        print_stderr(f"note: {text}")
 
     file = TargetFile(str(args.target), Placement(depth=None if args.depth is None else Path(args.depth)))
     return TargetSource(system, file, tell)

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import imagecodecs
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageCms
 
 import holoview as hv
 from holoview.holograms.hologram import Hologram
@@ -24,6 +24,7 @@ Files = dict[str, tuple[int, int]]
 
 SHAPE = (24, 32)
 SMALL = ["--set", "shape=[24,32]"]
+SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()  # stated, so that no note tells it is assumed
 RENDER = ["render", "holochrome-8", *SMALL, "--backend", "torch", "-o", "seen.png"]
 ONE = ["render", "holochrome-8-1slm", *SMALL, "--backend", "torch", "-o", "seen.png"]
 OPTIMISE = ["optimise", "holochrome-8", *SMALL, "--iterations", "1", "-o", "h.safetensors"]
@@ -41,9 +42,9 @@ def folder(tmp_path: Path) -> Path:
     Image.fromarray(grey).save(tmp_path / "grey.png")
     Image.fromarray(grey).save(tmp_path / "grey.jpg")
     Image.fromarray(grey[:, 1:]).save(tmp_path / "narrow.png")
-    Image.fromarray(rng.integers(0, 256, (*SHAPE, 3), dtype=np.uint8)).save(tmp_path / "colour.png")
+    Image.fromarray(rng.integers(0, 256, (*SHAPE, 3), dtype=np.uint8)).save(tmp_path / "colour.png", icc_profile=SRGB)
     Image.fromarray(np.stack([grey, grey // 2], axis=-1)).save(tmp_path / "glass.png")
-    Image.fromarray(np.zeros((*SHAPE, 3), np.uint8)).save(tmp_path / "black.png")
+    Image.fromarray(np.zeros((*SHAPE, 3), np.uint8)).save(tmp_path / "black.png", icc_profile=SRGB)
     deep = rng.integers(0, 65536, (*SHAPE, 3)).astype(np.uint16)
     (tmp_path / "colour16.png").write_bytes(imagecodecs.png_encode(deep))
     data = (tmp_path / "grey.png").read_bytes()
