@@ -17,7 +17,7 @@ from holoview.evidence.study import study
 from holoview.evidence.study.hologram_study import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
 from holoview.evidence.study.report import format_claims, write_report
 from holoview.evidence.study.runner import ResultStore, run_jobs
-from holoview.evidence.study.studies import eye, model_vs_capture, pupil, studies_by_name
+from holoview.evidence.study.studies import contrast_ratio, eye, model_vs_capture, pupil, studies_by_name
 from holoview.evidence.study.study import Findings
 from holoview.light.model.effects import registry as effects
 from holoview.util.files import data_dir
@@ -77,9 +77,9 @@ class _Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def small_assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The shipped scene, small: reading it takes most of the time otherwise."""
+    """The shipped scenes, small: reading them takes most of the time otherwise."""
     folder = tmp_path_factory.mktemp("assets")
-    for name in ("still-life", "still-life-depth"):
+    for name in ("still-life", "still-life-depth", "night"):
         with Image.open(data_dir("assets") / f"{name}.png") as picture:
             picture.resize((64, 48), Image.Resampling.NEAREST).save(folder / f"{name}.png")
     return folder
@@ -96,6 +96,7 @@ def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(eye, "_SCHEMES", {name: eye._SCHEMES[name] for name in ("simultaneous", "holochrome-8")})
     monkeypatch.setattr(eye, "_PUPILS_MM", (eye._PUPIL_MM,))
     monkeypatch.setattr(eye, "_SPACINGS_NM", eye._SPACINGS_NM[::4])
+    monkeypatch.setattr(contrast_ratio, "_SCENES", ("still-life", "night"))
     monkeypatch.setattr(pupil, "_PLACES_MM", pupil._PLACES_MM[:3])
 
 
