@@ -60,7 +60,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Written
     eye = hv.Hologram(hv.random_drive(seen, seed=3), seen)
     planes = tuple(system.planes_m.tolist())
     seen_of_first = hv.simulate(system, first.drive, planes=planes, backend="torch").rgb
-    shown = np.clip(seen_of_first, 0, 1) * rng.uniform(0.7, 1.3, (len(planes), 96, 128, 1))  # which the first shows
+    shown = 0.6 * np.clip(seen_of_first, 0, 1) * rng.uniform(0.7, 1.3, (len(planes), 96, 128, 1))  # as the first shows
     target = Target(np.clip(shown, 0, 1).astype(np.float32), planes, "light of the first")
     pages = Written(folder, first, second, eye, target)
     both = {"one </script><b>": first, "two": second}
