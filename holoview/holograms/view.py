@@ -17,7 +17,10 @@ from holoview.light.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_l
 from holoview.light.engine.backend import open_executor, simulation_bytes
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.light_share import LightShares, figures_of, light_shares, needs_transforms
+from holoview.light.model.chain import needs_short_form
+from holoview.light.model.drives import chain_drives, short_drive
 from holoview.light.model.bench_parts import Modulator, Relay, Source
+from holoview.light.model.elements import ComplexModulator
 from holoview.light.model.effects.registry import ActiveEffects
 from holoview.light.model.eye import sample_degrees
 from holoview.light.model.focus import focused_planes, parse_planes
@@ -172,15 +175,31 @@ def random_drive(system: System, seed: int = 0) -> NDArray[Any]:
     system: the display whose `drive_shape` the patterns have; a field gets random phases.
     seed: the same seed gives the same patterns.
 
-    Returns float32 (frame, modulator, y, x) in 0…1 of the stroke; of a field complex64 (frame, wavelength, y, x).
+    Returns float32 (frame, modulator, y, x) in 0…1 of the stroke; of a field complex64 (frame, wavelength, y, x); of a
+    chain a mapping of patterns (frame, y, x) by the names of its elements, of a complex modulator with random phases.
 
     >>> import holoview as hv
     >>> hv.random_drive(hv.load("holochrome-8").with_(shape=[48, 64]), seed=1).shape
     (1, 2, 48, 64)
     """
+    if system.is_chain:
+        return _random_drives(system, seed)
     require_memory("patterns", math.prod(system.drive_shape) * _DRIVE_BYTES, remedy="lower shape or frames")
     drive = np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
     return np.exp(2j * np.pi * drive).astype(np.complex64) if system.is_field else drive
+
+
+def _random_drives(system: System, seed: int) -> dict[str, NDArray[Any]]:
+    """Random patterns (frame, y, x) of a chain by the names of its elements."""
+    pixels = sum(map(math.prod, system.drive_shapes.values()))
+    require_memory("patterns", pixels * _DRIVE_BYTES, remedy="lower shape or frames")
+    random, kinds = np.random.default_rng(seed), dict(zip(system.element_names, system.elements, strict=True))
+    drives: dict[str, NDArray[Any]] = {}
+    for name, shape in system.drive_shapes.items():
+        drive = random.random(shape, dtype=np.float32)
+        is_complex = isinstance(kinds[name], ComplexModulator)
+        drives[name] = np.exp(2j * np.pi * drive).astype(np.complex64) if is_complex else drive
+    return drives
 
 
 def field_at(
@@ -283,6 +302,8 @@ def point_light(
     (2, 1.0)
     """
     system, drive = _with_drive(system, drive)
+    if system.is_chain:
+        raise needs_short_form("the origin of the light")
     if not 2 <= window <= 4096 or window % 2:
         raise UserError("window", f"{window} samples", expected="an even number from 2 to 4096")
     planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])
@@ -297,7 +318,7 @@ def point_light(
 
 def _sample(system: System, at: tuple[int, int] | None) -> tuple[int, int]:
     """Row and column of a sample of the image, the middle one if None. Raises UserError for one outside."""
-    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
+    rows, columns = system.way.shape
     row, column = (rows // 2, columns // 2) if at is None else at
     if not (0 <= row < rows and 0 <= column < columns):
         raise UserError(
@@ -318,10 +339,10 @@ def _lit(system: System, lasers: Sequence[int] | None) -> Sequence[int]:
 def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
     """A system and its drive, of which a hologram has both. Raises UserError without a drive."""
     if isinstance(system, Hologram):
-        return system.system, system.drive if drive is None else drive
+        system, drive = system.system, system.drive if drive is None else drive
     if drive is None:
         raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
-    return system, drive
+    return system, chain_drives(system, drive) if system.is_chain else short_drive(system, drive)
 
 
 def as_field(hologram: Hologram) -> Hologram:
@@ -342,6 +363,8 @@ def as_field(hologram: Hologram) -> Hologram:
     system = hologram.system
     if system.is_field:
         return hologram
+    if system.is_chain:
+        raise needs_short_form("the field")
     if len(system.source.directions_rad) > 1 or not _ends_at_modulators(system):
         count = len(system.source.directions_rad)
         found = f"{count} directions of the source" if count > 1 else "effects on lasers or relays"
@@ -388,7 +411,8 @@ def simulate(
 
     system: the display; or a hologram, which holds its own drive.
     drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`; of the
-    plane of a field the complex field (frame, wavelength, y, x).
+    plane of a field the complex field (frame, wavelength, y, x). Or a list of patterns (frame, y, x), one for each
+    element that shows some, or a mapping of them by the elements' names (`System.drive_shapes`).
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
     when None. With an eye, the planes on which it is focused at its reference wavelength; its accommodations when None.
     backend: "wgpu" (WGSL shaders), "torch" (complex64), "torch64" (complex128), or "auto": wgpu where an adapter is

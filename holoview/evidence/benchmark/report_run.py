@@ -50,6 +50,7 @@ from holoview.light.engine.wgpu_executor import WgpuExecutor
 from holoview.light.gpu.device import TIMESTAMPS, Device
 from holoview.light.gpu.line_fft import STRATEGIES, Strategy, supported_strategies
 from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.chain import Modulate
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import FrameInputs
@@ -116,18 +117,22 @@ class Step:
 def steps_to_planes(plan: Plan, wavelength: int, frame: int, source: int) -> Iterator[Step]:
     """The way of the light through a bench, to the intensity at each plane."""
     yield Step("illuminate", "illuminate", None, (wavelength, source))
-    yield Step("modulate 1", "modulate", "illuminate", (frame, 0, wavelength))
-    last = "modulate 1"
-    if plan.system.gap_m is not None:
-        yield Step("spectrum of the gap", "spectrum", last, (0,))
-        yield Step("transmit the gap", "transmit", "spectrum of the gap", (0, wavelength))
-        yield Step("field behind the gap", "field", "transmit the gap", (0,))
-        yield Step("modulate 2", "modulate", "field behind the gap", (frame, 1, wavelength))
-        last = "modulate 2"
-    yield Step("last spectrum", "spectrum", last, (len(plan.system.modulators) - 1,))
+    last, number, to_planes = "illuminate", 0, plan.way.last
+    for step in plan.way.steps:
+        if isinstance(step, Modulate):
+            name, number = f"modulate {step.number + 1}", step.number
+            yield Step(name, "modulate", last, (frame, number, wavelength))
+        else:
+            way = f"relay {step.relay + 1}" if plan.way.is_chain else "the gap"
+            name = f"field behind {way}"
+            yield Step(f"spectrum of {way}", "spectrum", last, (number,))
+            yield Step(f"transmit {way}", "transmit", f"spectrum of {way}", (step.relay, wavelength))
+            yield Step(name, "field", f"transmit {way}", (step.relay,))
+        last = name
+    yield Step("last spectrum", "spectrum", last, (number,))
     for plane in range(len(plan.planes)):
-        yield Step(f"transmit to plane {plane}", "transmit", "last spectrum", (1, wavelength, plane))
-        yield Step(f"field at plane {plane}", "field", f"transmit to plane {plane}", (1,))
+        yield Step(f"transmit to plane {plane}", "transmit", "last spectrum", (to_planes, wavelength, plane))
+        yield Step(f"field at plane {plane}", "field", f"transmit to plane {plane}", (to_planes,))
         weight = float(plan.weights[frame, wavelength])
         yield Step(f"accumulate plane {plane}", "accumulate", f"field at plane {plane}", (plane, weight))
 

@@ -73,9 +73,11 @@ def simulation_bytes(plan: Plan, *, double: bool = False) -> int:
     """
     numbers = 2 if double else 1
     samples, planes = math.prod(plan.grid.shape), len(plan.planes)
-    band = max(min(math.prod(plan.band(relay).shape), math.prod(plan.grid.padded)) for relay in (0, 1))
+    band = max(min(math.prod(plan.band(relay).shape), math.prod(plan.grid.padded)) for relay in range(len(plan.relays)))
     fields = numbers * _COMPLEX64 * ((planes + _FIELDS_AT_A_TIME) * band + _FIELDS_AT_A_TIME * samples)
     spectra = planes * samples * numbers * 12 * len(plan.system.wavelengths_m)
     images = planes * samples * (_IMAGE_BYTES + 60 * (numbers - 1))
-    drive = math.prod(plan.system.drive_shape) * _DRIVE_BYTES * numbers
+    system = plan.system
+    shapes = list(system.drive_shapes.values()) if system.is_chain else [system.drive_shape]
+    drive = sum(map(math.prod, shapes)) * _DRIVE_BYTES * numbers
     return drive + spectra + max(fields, images)

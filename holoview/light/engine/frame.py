@@ -1,5 +1,7 @@
 """The sequence of propagation stages from the laser to the intensity, defined once for both executors.
 
+Of two modulators; other chains have other steps of the same kinds, as `Plan.way` lists them:
+
     illuminate ─▶ modulate 1 ─▶ spectrum ─▶ transmit the gap ─▶ field ─▶ modulate 2 ─▶ spectrum
         spectrum ─┬▶ transmit to z₁ ─▶ field ─▶ |·|²
                   └▶ transmit to z₂ ─▶ …
@@ -10,11 +12,12 @@ Frames and sources add incoherently, as intensities. All planes share everything
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Literal, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.light.model.chain import Modulate, Travel
 from holoview.light.model.plan import Plan
 from holoview.util.errors import UserError
 from holoview.util.progress import StepCallback
@@ -22,8 +25,8 @@ from holoview.util.progress import StepCallback
 Field = TypeVar("Field")
 """A complex field or spectrum in the representation of an executor."""
 
-Landmark = Literal["slm1", "gap", "slm2", "spectrum"]
-"""Where the light of a beam passes: behind modulator 1, before and behind modulator 2, the spectrum behind the last."""
+SPECTRUM = "spectrum"
+"""The last of the places that the light of a beam passes (`Modulate.landmark`, `Travel.landmark`)."""
 
 
 class Propagation(Protocol[Field]):
@@ -33,7 +36,8 @@ class Propagation(Protocol[Field]):
     that follows; no others pass that relay's stops. The field behind the first modulator may be kept as one sample for
     each pixel, from which the other samples follow.
 
-    Arguments are indices of wavelengths, frames, sources, modulators, relays (0: the gap, 1: to a plane) and planes.
+    Arguments are indices of wavelengths, frames, sources, modulators, relays (0: the gap, 1: to a plane) and planes; of
+    a chain those of its `Way`: its transmissions and its relays.
     A stage may reuse the memory of its input, except `transmit`, whose input stays valid for the next plane.
     """
 
@@ -90,24 +94,26 @@ class Executor(Propagation[Field], Protocol[Field]):
 
 def relay_behind(plan: Plan, modulator: int) -> int:
     """The relay that light enters behind a modulator: 0 for the gap, 1 behind the last modulator."""
-    return 1 if modulator == len(plan.system.modulators) - 1 else 0
+    steps = plan.way.steps
+    index = next(i for i, step in enumerate(steps) if isinstance(step, Modulate) and step.number == modulator)
+    return next((step.relay for step in steps[index + 1 :] if isinstance(step, Travel)), plan.way.last)
 
 
-def light_along(
-    stages: Propagation[Field], wavelength: int, frame: int, source: int
-) -> Iterator[tuple[Landmark, Field]]:
-    """The light at each landmark on its way to the spectrum behind the last modulator, which is the last.
+def light_along(stages: Propagation[Field], wavelength: int, frame: int, source: int) -> Iterator[tuple[str, Field]]:
+    """The light at each landmark on its way to the spectrum behind the last element, `SPECTRUM`, which is the last.
 
     A field is valid until the next is asked for, where stages reuse memory.
     """
-    field = stages.illuminate(wavelength, source)
-    for modulator in range(len(stages.plan.system.modulators)):
-        if modulator:
-            field = stages.field(stages.transmit(stages.spectrum(field, 0), 0, wavelength), 0)
-            yield "gap", field
-        field = stages.modulate(field, frame, modulator, wavelength)
-        yield ("slm2" if modulator else "slm1"), field
-    yield "spectrum", stages.spectrum(field, len(stages.plan.system.modulators) - 1)
+    field, modulator = stages.illuminate(wavelength, source), 0
+    for step in stages.plan.way.steps:
+        if isinstance(step, Modulate):
+            modulator = step.number
+            field = stages.modulate(field, frame, modulator, wavelength)
+        else:
+            spectrum = stages.spectrum(field, modulator)
+            field = stages.field(stages.transmit(spectrum, step.relay, wavelength), step.relay)
+        yield step.landmark, field
+    yield SPECTRUM, stages.spectrum(field, modulator)
 
 
 def spectrum_behind_modulators(stages: Propagation[Field], wavelength: int, frame: int, source: int) -> Field:
@@ -134,7 +140,8 @@ def run_stages(
             if behind is not None:
                 behind(spectrum, weight)
             for plane in planes:
-                executor.accumulate(executor.field(executor.transmit(spectrum, 1, wavelength, plane), 1), plane, weight)
+                seen = executor.transmit(spectrum, plan.way.last, wavelength, plane)
+                executor.accumulate(executor.field(seen, plan.way.last), plane, weight)
 
 
 def compute_focal_stack(

@@ -114,10 +114,10 @@ def may_leave(plan: Plan) -> bool:
     Light of a direction loses the share d/N of each side N, by which it moves sideways; over all directions that pass
     this is half of that of the steepest.
     """
-    system, pitch_m, ways_m = plan.system, plan.system.modulators[0].pitch_m, []
+    system, last, ways_m = plan.system, plan.way.last, []
     for index, distance_m in enumerate(np.abs(plan.distances_m).max(axis=0).tolist()):
         λ = float(system.wavelengths_m[index])
-        sine = min(λ / (2 * plan.grid.pitch_m), system.relay2.axis_sine(λ, pitch_m), _STEEPEST)
+        sine = min(λ / (2 * plan.grid.pitch_m), plan.relays[last].axis_sine(λ, plan.order_m(last)), _STEEPEST)
         ways_m += [distance_m * sine / math.sqrt(1 - sine * sine)] if plan.lit(index) else []
     return (
         sum(float(np.mean(ways_m or [0.0])) / 2 / (n * plan.grid.pitch_m) for n in plan.grid.shape)
@@ -140,9 +140,15 @@ def _plain_power(plan: Plan, drive: Any) -> NDArray[np.float64] | None:
 
 def _is_plain(plan: Plan) -> bool:
     """Whether neither stops, a gap nor effects change the power of the samples behind the last element."""
-    relay = plan.system.relay2
+    relay = plan.relays[plan.way.last]
     is_open = not (relay.has_aperture or relay.dc_block_na is not None or relay.apodisation_na is not None)
-    return is_open and plan.nominal.eye is None and not plan.nominal.effects and len(plan.system.modulators) == 1
+    return (
+        is_open
+        and plan.nominal.eye is None
+        and not plan.nominal.effects
+        and len(plan.way.steps) == 1
+        and not plan.way.is_chain
+    )
 
 
 def _power(values: Any) -> float:

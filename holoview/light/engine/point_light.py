@@ -64,7 +64,9 @@ def section_steps(
     """
     plan = make_plan(system, planes_m)
     executor, beams = TorchExecutor(plan, FrameInputs(plan, drive)), plan.beams(lasers)
-    needed = len(beams) * math.prod(plan.band(1).shape) * 8 + _PADDED_ARRAYS * math.prod(plan.grid.padded) * 8
+    needed = (
+        len(beams) * math.prod(plan.band(plan.way.last).shape) * 8 + _PADDED_ARRAYS * math.prod(plan.grid.padded) * 8
+    )
     require_memory("sections", needed, remedy="show fewer lasers or frames")
     rows, columns = plan.grid.shape
     xz, yz = np.zeros((len(planes_m), columns, 3), np.float32), np.zeros((len(planes_m), rows, 3), np.float32)
@@ -75,10 +77,10 @@ def section_steps(
         yield Sections(planes_m, xz, yz, 0.0)
     for index in _coarse_to_fine(len(planes_m)):
         for wavelength in sorted({beam.wavelength for beam in beams}):
-            transfer = executor.derived_transfer(1, wavelength, index)
+            transfer = executor.derived_transfer(plan.way.last, wavelength, index)
             for beam, spectrum in spectra:
                 if beam.wavelength == wavelength:
-                    lines = executor.transforms[1].inverse_lines(spectrum * transfer, *place)
+                    lines = executor.transforms[plan.way.last].inverse_lines(spectrum * transfer, *place)
                     for picture, line in zip((xz, yz), lines, strict=True):
                         intensity = beam.weight * line.abs().square().numpy()
                         picture[index] += intensity[:, None] * plan.colour_weights[wavelength]

@@ -155,7 +155,9 @@ def plane_wave_uniform(plan: Plan, wavelength: int, source: int) -> UniformValue
 
 
 def modulator_uniform(plan: Plan, modulator: int, wavelength: int) -> UniformValues:
-    """Values of `Modulator`: stroke/λ."""
+    """Values of `Modulator`: stroke/λ; 1 of a chain, whose transmissions are given sample by sample."""
+    if plan.way.is_chain:
+        return {"stroke_waves": 1.0}
     stroke_m = plan.system.modulators[modulator].stroke_m
     return {"stroke_waves": stroke_m / float(plan.system.wavelengths_m[wavelength])}
 

@@ -81,7 +81,7 @@ class TorchPropagation(ABC):
         self.plan, self._modulators = plan, modulators
         self._device = torch.device(device)
         self.dtype = torch.complex128 if double else torch.complex64
-        self.transforms = [PrunedTransform(_axes(plan, relay)) for relay in (0, 1)]
+        self.transforms = [PrunedTransform(_axes(plan, relay)) for relay in range(len(plan.relays))]
 
     def illuminate(self, wavelength: int, source: int) -> TorchField:
         """The plane wave of unit amplitude that illuminates the first modulator."""
@@ -222,19 +222,22 @@ class TorchExecutor(TorchPropagation):
         """`transfer` without its cache, which would hold every plane of a long series."""
         return self._response(self.plan.transfer(relay, wavelength, plane), relay, wavelength)
 
-    def stops(self, wavelength: int, relay: int = 1) -> torch.Tensor:
-        """Stops × pupil of a relay at its frequencies, (rows, columns); of an eye its pupil's function alone."""
+    def stops(self, wavelength: int, relay: int | None = None) -> torch.Tensor:
+        """Stops × pupil of a relay, the last if None, at its frequencies, (rows, columns); of an eye its pupil's
+        function alone."""
+        relay = self.plan.way.last if relay is None else relay
         return self._response(self.plan.stops(relay, wavelength), relay, wavelength)
 
     def passed_amplitude(self, wavelength: int) -> torch.Tensor | None:
         """|Amplitude| that the last relay's stops and an eye's pupil pass at its frequencies, (rows, columns); None
         where all pass whole."""
-        stops, eye = self.plan.stops(1, wavelength), self.plan.planes[0].eye
+        last = self.plan.way.last
+        stops, eye = self.plan.stops(last, wavelength), self.plan.planes[0].eye
         if eye is not None:
             na, columns = eye.pupil_na(self.plan.nominal.field_m), self.plan.grid.padded[1]
             support = rows_in_disc(stops.support, columns, na, eye.pupil_centre_na, stops.sine_step)
             stops = replace(stops, support=support)
-        (ky, kx), pupil = self._frequency_tensors(1), self.inputs.pupils[1][wavelength]
+        (ky, kx), pupil = self._frequency_tensors(last), self.inputs.pupils[last][wavelength]
         mask = support_mask(stops, kx, chosen=ky % len(stops.support)).to(self._real)
         if pupil is None:
             return None if mask.all() else mask
@@ -328,7 +331,9 @@ def stage_field(
     is_by_direction = stage in ("stop", "pupil")
     λ, grid = float(plan.system.wavelengths_m[beam.wavelength]), plan.grid
     step_y, step_x = (λ * df for df in grid.frequency_step) if is_by_direction else (grid.pitch_m,) * 2
-    first = [k.min() for k in executor.frequencies(1)] if is_by_direction else [(1 - n) / 2 for n in grid.shape]
+    first = (
+        [k.min() for k in executor.frequencies(plan.way.last)] if is_by_direction else [(1 - n) / 2 for n in grid.shape]
+    )
     origin = (float(first[0]) * step_y, float(first[1]) * step_x)
     note = _sample_note(plan, laser, frame, source, share)
     return StageField(stage, values, (step_y, step_x), is_by_direction, λ, origin, share, note)
@@ -344,10 +349,11 @@ def beam_at_stage(executor: TorchExecutor, beam: Beam, stage: str) -> NDArray[np
             return executor.download_field(field).astype(np.complex128)
     if stage == "stop":
         return _by_direction(executor, field.values * executor.stops(wavelength))
-    seen = executor.transmit(field, 1, wavelength, len(executor.plan.planes) - 1)
+    last = executor.plan.way.last
+    seen = executor.transmit(field, last, wavelength, len(executor.plan.planes) - 1)
     if stage == "pupil":
         return _by_direction(executor, seen.values)
-    return executor.download_field(executor.field(seen, 1)).astype(np.complex128)
+    return executor.download_field(executor.field(seen, last)).astype(np.complex128)
 
 
 def _by_direction(executor: TorchExecutor, spectrum: torch.Tensor) -> NDArray[np.complex128]:
@@ -356,7 +362,7 @@ def _by_direction(executor: TorchExecutor, spectrum: torch.Tensor) -> NDArray[np
     The transform counts from the padded grid's first sample, so that the middle m of the field adds −k·m/P turns.
     """
     grid, values = executor.plan.grid, spectrum.numpy()
-    for axis, k in enumerate(executor.frequencies(1)):
+    for axis, k in enumerate(executor.frequencies(executor.plan.way.last)):
         middle = grid.offset[axis] + (grid.shape[axis] - 1) / 2
         phase = np.exp(2j * np.pi * np.remainder(k * middle / grid.padded[axis], 1.0))
         values = np.take(values * np.expand_dims(phase, 1 - axis), np.argsort(k), axis=axis)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor
-from holoview.light.engine.frame import relay_behind
+from holoview.light.engine.frame import relay_behind, run_stages
 from holoview.light.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.light.engine.shader_structs import (
     GRID,
@@ -59,7 +59,9 @@ class WgpuExecutor:
 
     def __init__(self, plan: Plan, inputs: ShaderInputs, device: Device) -> None:
         self.plan, self.inputs, self.device = plan, inputs, device
-        self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
+        self._fused: FusedFrame | None = None
+        if not plan.way.is_chain:
+            self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
         self._compositor = Compositor(device, plan.grid.shape)
         planes = range(len(plan.planes))
         self._intensity = [self._compositor.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
@@ -71,6 +73,10 @@ class WgpuExecutor:
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
+        if self._fused is None:
+            run_stages(self, wavelength)
+            self._forget_beams()
+            return
         sources = range(len(self.plan.slopes))
         spans = [WavelengthSpan(frame, source, wavelength) for frame in self.plan.lit(wavelength) for source in sources]
         for plane in range(len(self._intensity) if not spans else 0):
@@ -88,6 +94,11 @@ class WgpuExecutor:
                     self._recording(), span, second, target, weight=weight, accumulates=number > 0
                 )
 
+    def _forget_beams(self) -> None:
+        """Gives back the tables of a wavelength of a chain, which has one for each element and frame."""
+        self.submit()
+        self._buffers, self._dispatches = {}, {}
+
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
     def illuminate(self, wavelength: int, source: int) -> GpuField:
@@ -101,7 +112,7 @@ class WgpuExecutor:
         """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one; zero outside the modulator."""
         values = partial(modulator_uniform, self.plan, modulator, wavelength)
         uniform = self._uniform(("modulator", modulator, wavelength), MODULATOR, values)
-        stroke_m = self.plan.system.modulators[modulator].stroke_m
+        stroke_m = 1.0 if self.plan.way.is_chain else self.plan.system.modulators[modulator].stroke_m
         opd = self._stored(("opd", frame, modulator), lambda: self.inputs.stroke_fractions(frame, modulator, stroke_m))
         is_dense, table = self.inputs.is_sampled(modulator), self._no_table
         if is_dense:

@@ -101,6 +101,15 @@ def stop_rows(
     return rows
 
 
+@lru_cache(maxsize=8)
+def all_rows(padded: RowsColumns) -> Integers:
+    """The rows of `stop_rows` of a relay that passes every frequency of a grid. The array can't be written to."""
+    kx = np.arange(-(padded[1] // 2), (padded[1] + 1) // 2)
+    rows = np.tile(np.array([0, kx[0], kx[-1]], dtype=np.int32), (padded[0], 1))
+    rows.setflags(write=False)
+    return rows
+
+
 def rows_in_disc(
     rows: Integers, columns: int, radius: float, centre: tuple[float, float], sine_step: tuple[float, float]
 ) -> Integers:

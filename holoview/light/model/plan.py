@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from holoview.light.colour import observer_weights
 from holoview.light.model.bench_parts import Relay, Sampling
+from holoview.light.model.chain import Way
 from holoview.light.model.effects.registry import ActiveEffects
 from holoview.light.model.eye import Eye
 from holoview.light.model.focus import eyes_at, focus_shift, focused_planes, parse_planes
@@ -26,6 +27,7 @@ from holoview.light.model.passband import (
     Band,
     Transfer,
     band_limit,
+    all_rows,
     band_of_rows,
     check_eye_sampled,
     rows_in_disc,
@@ -34,6 +36,7 @@ from holoview.light.model.passband import (
 )
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import is_fast_length, next_fast_length
+from holoview.util import units
 from holoview.util.errors import UserError
 
 RowsColumns = tuple[int, int]
@@ -182,15 +185,36 @@ class Plan:
         return np.array([plane.distances_m for plane in self.planes])
 
     @property
-    def relays(self) -> tuple[Relay, Relay]:
-        """The relays between the modulators and behind the last one.
+    def relays(self) -> tuple[Relay, ...]:
+        """The relays of the way, which are known by their indices: 0 of the gap, 1 behind the last modulator.
+
+        Of a chain those of its spaces, in order, and of its Fourier elements; the last leads to the planes.
 
         >>> import holoview as hv
         >>> gap, last = hv.make_plan(hv.load("holochrome-8")).relays
         >>> gap.square == last.square
         True
         """
-        return self.system.relay1, self.system.relay2
+        return self.way.relays
+
+    @property
+    def way(self) -> Way:
+        """What light does from the source to the last element.
+
+        >>> import holoview as hv
+        >>> hv.make_plan(hv.load("holochrome-8")).way.last
+        1
+        """
+        return self.system.way
+
+    def order_m(self, relay: int) -> float:
+        """The pitch whose first order the stops of a relay name, m.
+
+        >>> import holoview as hv
+        >>> hv.make_plan(hv.load("holochrome-8")).order_m(1)
+        8e-06
+        """
+        return self.way.orders_m[relay]
 
     def seen_from(self, places_m: Sequence[tuple[float, float]]) -> Plan:
         """The plan with its planes seen from other places of the eye's pupil.
@@ -209,9 +233,9 @@ class Plan:
     def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Transfer:
         """The propagation through a relay, over the gap or to a focal plane; derived at the first call and kept.
 
-        relay: 0 for the gap between the modulators, 1 for the way from the last modulator to a plane.
+        relay: index in `relays`: 0 for the gap between the modulators, 1 for the way from the last one to a plane.
         wavelength: index of the wavelength in `system`.
-        plane: index in `planes`; of no matter for the gap. An eye is focused elsewhere at each wavelength: the
+        plane: index in `planes`; of no matter but for the last relay. An eye is focused elsewhere at each wavelength: the
         `Transfer` leads there.
 
         Returns a `Transfer`. `holoview.light.optics.propagate.transfer_function` evaluates it.
@@ -222,10 +246,10 @@ class Plan:
         >>> round(transfer.waves), transfer.support.shape
         (10870, (192, 3))
         """
-        if relay == 0:
-            return self._propagation(0, wavelength, self.system.gap_m or 0.0, None)
+        if relay != self.way.last:
+            return self._propagation(relay, wavelength, self.way.distances_m[relay], None)
         seen = self.planes[plane]
-        return self._propagation(1, wavelength, seen.distances_m[wavelength], seen.eye)
+        return self._propagation(relay, wavelength, seen.distances_m[wavelength], seen.eye)
 
     def stops(self, relay: int, wavelength: int) -> Transfer:
         """The way through the stops of a relay alone, over no distance and without an eye.
@@ -289,9 +313,16 @@ class Plan:
 
     def _passing_rows(self, relay: int, wavelength: int, limits: tuple[int, int] | None = None) -> NDArray[np.int32]:
         """The frequencies that the stops of a relay pass, up to the highest |k_y| and |k_x| of `limits`."""
-        λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
-        grid, is_weighted = self.grid, self.has_weighted_stops
-        return stop_rows(grid.padded, grid.upsample, pitch_m, self.relays[relay], λ, limits, is_weighted=is_weighted)
+        λ, (upsample, pitch_m) = float(self.system.wavelengths_m[wavelength]), self._order(relay)
+        padded, is_weighted = self.grid.padded, self.has_weighted_stops
+        if self.way.kernel(relay) is not None:
+            return all_rows(padded)
+        return stop_rows(padded, upsample, pitch_m, self.relays[relay], λ, limits, is_weighted=is_weighted)
+
+    def _order(self, relay: int) -> tuple[int, float]:
+        """The pitch whose first order the stops of a relay name, in samples and in metres."""
+        pitch_m = self.way.orders_m[relay]
+        return (round(pitch_m / self.grid.pitch_m) if self.way.is_chain else self.grid.upsample), pitch_m
 
     def stop_weights(self, relay: int, wavelength: int) -> NDArray[np.float64] | None:
         """The share of each frequency's cell that passes the stops of a relay, (P_y, P_x) in `fftfreq` order.
@@ -307,8 +338,8 @@ class Plan:
         """
         if not self.has_weighted_stops:
             return None
-        λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
-        return stop_weights(self.grid.padded, self.grid.upsample, pitch_m, self.relays[relay], λ)
+        λ, (upsample, pitch_m) = float(self.system.wavelengths_m[wavelength]), self._order(relay)
+        return stop_weights(self.grid.padded, upsample, pitch_m, self.relays[relay], λ)
 
     def lit(self, wavelength: int) -> list[int]:
         """Indices of the frames of `system` in which a laser is on.
@@ -403,6 +434,8 @@ def make_plan(
     if system.effects:
         system, moments = _as_built(system.edit({"planes": nominal_m}))
         planes_m = system.planes_m
+    if system.way.behind_m:
+        planes_m = _from_last_element(planes_m, system.way.behind_m)
     sources = len(system.source.directions_rad)
     shift_m = focus_shift(nominal, planes_m, system.wavelengths_m)
     behind_m, before_m = planes_m.max() + max(shift_m.max(), 0.0), planes_m.min() + min(shift_m.min(), 0.0)
@@ -425,6 +458,18 @@ def make_plan(
         moments=moments,
         has_weighted_stops=has_weighted_stops,
     )
+
+
+def _from_last_element(planes_m: NDArray[np.float64], behind_m: float) -> NDArray[np.float64]:
+    """Distances of planes from the last element, where they are told from one that lies before it."""
+    found = planes_m - behind_m
+    if found.min() < 0:
+        raise UserError(
+            "planes",
+            f"{units.format_rounded(float(planes_m.min()), 'mm')}, before the last element",
+            expected=f"{units.format_rounded(behind_m, 'mm')} or more from the element of planes_from",
+        )
+    return found
 
 
 def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
@@ -491,33 +536,31 @@ def _exposures(nominal: System, moments: tuple[float, ...]) -> tuple[Samples, ..
     return tuple(Samples(tuple(range(start, start + len(moments))), start + central) for start in starts)
 
 
-def walk_off(system: System, relay: Relay, distance_m: float) -> float:
+def walk_off(system: System, relay: int, distance_m: float) -> float:
     """How many samples the steepest ray moves sideways over a distance, z·tan θ / dx.
 
     The steepest ray is that of the highest sampled frequency at the longest wavelength, or of the relay's stops.
     Distances before a field count as those behind it.
     """
-    pitch_m = system.modulators[0].pitch_m
-    dx = pitch_m / system.sampling.upsample
+    way = system.way
+    dx = way.sample_m
     longest = float(system.wavelengths_m.max())
-    sine = min(longest / (2 * dx), relay.axis_sine(longest, pitch_m), _STEEPEST_SINE)
+    sine = min(longest / (2 * dx), way.relays[relay].axis_sine(longest, way.orders_m[relay]), _STEEPEST_SINE)
     return abs(distance_m) * sine / math.sqrt(1 - sine * sine) / dx
 
 
 def _grid(system: System, farthest_m: float) -> Grid:
-    sampling, upsample = system.sampling, system.sampling.upsample
-    rows, columns = system.modulators[0].shape
-    shape = (rows * upsample, columns * upsample)
-    reach = max(walk_off(system, system.relay2, farthest_m), walk_off(system, system.relay1, system.gap_m or 0.0))
-    padded = tuple(_padded(n, sampling, reach) for n in shape)
-    offset = tuple((p - n) // (2 * upsample) * upsample for p, n in zip(padded, shape, strict=True))
-    pitch_m = system.modulators[0].pitch_m / upsample
-    return Grid(shape, (padded[0], padded[1]), (offset[0], offset[1]), pitch_m, upsample)
+    sampling, way = system.sampling, system.way
+    ways_m = [farthest_m if relay == way.last else distance for relay, distance in enumerate(way.distances_m)]
+    reach = max(walk_off(system, relay, distance_m) for relay, distance_m in enumerate(ways_m))
+    padded = tuple(_padded(n, sampling, way.upsample, reach) for n in way.shape)
+    offset = tuple((p - n) // (2 * way.upsample) * way.upsample for p, n in zip(padded, way.shape, strict=True))
+    return Grid(way.shape, (padded[0], padded[1]), (offset[0], offset[1]), way.sample_m, way.upsample)
 
 
-def _padded(n: int, sampling: Sampling, reach: float) -> int:
+def _padded(n: int, sampling: Sampling, upsample: int, reach: float) -> int:
     """The padded length of a side of n samples, over which light may walk off by `reach` samples."""
-    whole = _largest_fast_divisor(sampling.upsample)
+    whole = _largest_fast_divisor(upsample)
     if sampling.propagation == "periodic":
         return n if is_fast_length(n) else next_fast_length(n, whole)
     if sampling.propagation == "linear":
@@ -540,5 +583,4 @@ def source_sines(system: System) -> NDArray[np.float64]:
 
 def _slopes(system: System) -> NDArray[np.float64]:
     """Phase slope (source, wavelength, 2) in turns a sample: sin(angle)·dx/λ."""
-    dx = system.modulators[0].pitch_m / system.sampling.upsample
-    return source_sines(system) * dx / system.wavelengths_m[None, :, None]
+    return source_sines(system) * system.way.sample_m / system.wavelengths_m[None, :, None]

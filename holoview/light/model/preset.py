@@ -24,6 +24,8 @@ from holoview.util.tables import parse_toml
 
 _FILE, _REMEDY = "a preset's TOML file", "`holoview presets` lists names"
 _MAX_BASES = 32
+_LISTS = ("modulators", "elements")
+_SHORT = ("modulators", "gap", "relay1", "relay2")
 _TABLES = ("source", "relay1", "relay2", "eye", "sampling", "effects")
 
 
@@ -68,6 +70,11 @@ def loads(text: str, where: str = "preset", folder: Path | None = None) -> Syste
 
 def from_table(table: Mapping[str, Any]) -> System:
     """The system of a parsed TOML table, which may use shorthands."""
+    beside = [key for key in _SHORT if key in table]
+    if "elements" in table and beside:
+        raise UserError(beside[0], "beside [[elements]]", expected="one of them: spaces have their distances and stops")
+    if {"wavelengths", "amplitudes"} <= table.keys() and table.keys().isdisjoint(("elements", "modulators")):
+        raise UserError("modulators", "is missing", expected="One or two phase modulators, or other [[elements]].")
     system: System = from_mapping(System, expand_table(table))
     return system
 
@@ -92,9 +99,12 @@ def save(system: System, path: str | os.PathLike[str]) -> None:
 def _to_table(system: System) -> dict[str, Any]:
     """The system as a TOML table: name and description first, nested tables last, as TOML requires."""
     table = to_mapping(system)
+    is_short = not system.is_chain and not any(element.name for element in system.elements)
+    for key in ("elements",) if is_short else _SHORT:
+        table.pop(key, None)
     head = {key: table[key] for key in ("name", "description") if key in table}
-    plain = {key: value for key, value in table.items() if key not in (*_TABLES, "modulators", *head)}
-    nested = {key: table[key] for key in ("modulators", *_TABLES) if key in table}
+    plain = {key: value for key, value in table.items() if key not in (*_TABLES, *_LISTS, *head)}
+    nested = {key: table[key] for key in (*_LISTS, *_TABLES) if key in table}
     return head | plain | nested
 
 
@@ -124,11 +134,18 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
         raise UserError(f"{path}: base", f"{base!r}", expected="a preset's name or path")
     beside = path.parent / f"{base}"
     inherited = _with_base(beside if beside.suffix == ".toml" else _find(base), (*seen, path))
+    if "elements" in table:  # which take the place of the base's
+        inherited = {key: value for key, value in inherited.items() if key not in _SHORT}
+    elif any(key in table for key in _SHORT):
+        inherited = {key: value for key, value in inherited.items() if key not in ("elements", "planes_from")}
     return _merged({key: value for key, value in inherited.items() if key not in ("name", "description")}, table)
 
 
 def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[Any, Path], Any]) -> dict[str, Any]:
-    """The table with `change(path, folder)` applied to every path of a file among the parameters of its effects."""
+    """The table with `change(path, folder)` applied to the paths of its masks' files and among the parameters of its effects."""
+    elements = table.get("elements")
+    if isinstance(elements, list):
+        table = table | {"elements": [_map_mask_file(each, folder, change) for each in elements]}
     effects = table.get("effects")
     if not isinstance(effects, dict):
         return table
@@ -138,6 +155,12 @@ def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[Any, 
         has_files = isinstance(values, dict) and files
         changed[name] = {k: change(v, folder) if k in files else v for k, v in values.items()} if has_files else values
     return table | {"effects": changed}
+
+
+def _map_mask_file(element: Any, folder: Path, change: Callable[[Any, Path], Any]) -> Any:
+    """The table of an element with `change(path, folder)` applied to its file, if it has one."""
+    has_file = isinstance(element, dict) and element.get("file")
+    return element | {"file": change(element["file"], folder)} if has_file else element
 
 
 def _absolute_path(file: Any, folder: Path) -> Any:

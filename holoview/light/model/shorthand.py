@@ -89,6 +89,8 @@ def expand_edit(system: SystemLike, changes: Mapping[str, Any]) -> dict[str, Any
         if key in MODULATOR_KEYS:
             modulators = changes.get("modulators", system.modulators)
             count = len(modulators) if isinstance(modulators, list | tuple) else len(system.modulators)
+            if not count:
+                raise UserError(key, "of a chain of elements", expected=f"elements.NAME.{key}, of one of them")
             out |= {f"modulators.{i}.{key}": value for i in range(count)}
         elif key in SAMPLING_KEYS:
             out[f"sampling.{key}"] = value

@@ -12,7 +12,7 @@ from holoview.util import units
 from holoview.util.errors import UserError
 
 _FIRST_ORDER = "first order"
-_TEXT = re.compile(rf"(?:(?P<scale>\S+) )?{_FIRST_ORDER}(?: at (?P<wavelength>.+))?")
+_TEXT = re.compile(rf"(?:(?P<scale>\S+) )?{_FIRST_ORDER}(?: of (?P<of>.+?))?(?: at (?P<wavelength>.+))?")
 _SCALE = Number(low=0.01, high=100.0)
 _REFERENCE_M = 550e-9
 _WAVELENGTH = Number("nm", low=100e-9, high=10e-6)
@@ -31,6 +31,7 @@ class SquareStop:
     wavelength_m: where `half_side_na` is None, the wavelength at which a real aperture is as wide as the first order;
     None for an ideal stop, which is as wide as the first order at every wavelength.
     scale: factor on the width of the first order; 1 with `half_side_na`.
+    of: the name of the element whose first order it is; "" where all pitches are equal, or with `half_side_na`.
 
     `Relay.square` holds one, and takes a number or text in its place.
 
@@ -38,12 +39,13 @@ class SquareStop:
     >>> hv.Relay(square="first order at 650 nm").square == hv.SquareStop(wavelength_m=650e-9)
     True
     >>> hv.Relay(square=0.03).square
-    SquareStop(half_side_na=0.03, wavelength_m=None, scale=1.0)
+    SquareStop(half_side_na=0.03, wavelength_m=None, scale=1.0, of='')
     """
 
     half_side_na: float | None = None
     wavelength_m: float | None = None
     scale: float = 1.0
+    of: str = ""
 
     def half_side_sine(self, wavelength_m: float, pitch_m: float) -> float:
         """The direction sine at the middle of a side.
@@ -96,7 +98,7 @@ class SquareStop:
         """
         if self.half_side_na is not None:
             return SquareStop(half_side_na=min(self.half_side_na * factor, 1.0))
-        return SquareStop(wavelength_m=self.wavelength_m, scale=self.scale * factor)
+        return SquareStop(wavelength_m=self.wavelength_m, scale=self.scale * factor, of=self.of)
 
     def __str__(self) -> str:
         if self.half_side_na is not None:
@@ -113,7 +115,8 @@ class SquareStop:
         """
         scale = "" if self.scale == 1.0 else f"{self.scale!r} "
         at = "" if self.wavelength_m is None else f" at {units.format_exact(self.wavelength_m, 'nm')}"
-        return f"{scale}{_FIRST_ORDER}{at}"
+        of = f" of {self.of}" if self.of else ""
+        return f"{scale}{_FIRST_ORDER}{of}{at}"
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ class SquareField:
         except ValueError as error:
             raise UserError(where, f'"{value}"', expected=_EXPECTED) from error
         at = None if match["wavelength"] is None else _WAVELENGTH.parse(match["wavelength"], where)
-        return SquareStop(wavelength_m=at, scale=scale or 1.0)
+        return SquareStop(wavelength_m=at, scale=scale or 1.0, of=match["of"] or "")
 
     def to_toml(self, value: SquareStop | None) -> float | str | None:
         if value is None or value.half_side_na is None:

@@ -1,5 +1,9 @@
 """The optical bench as data: frozen, checked when it is built, in SI units.
 
+    source ─▶ elements, with spaces between them ─▶ plane z ─▶ |·|² ─▶ observer
+
+Its short form has one or two equal phase modulators:
+
     source ─▶ modulator 1 ─▶ gap (relay 1) ─▶ modulator 2 ─▶ relay 2 to plane z ─▶ |·|² ─▶ observer
 
 A `System` describes this bench and computes nothing; `holoview.light.model.plan` derives every number of a simulation.
@@ -10,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +22,18 @@ from numpy.typing import NDArray
 
 from holoview.light.colour import observer_range_m
 from holoview.light.model.bench_parts import Modulator, Relay, Sampling, Source
+from holoview.light.model.chain import (
+    NoModulators,
+    ShortForm,
+    Way,
+    chain_way,
+    elements_of,
+    needs_short_form,
+    pixel_shape,
+    short_form,
+    short_way,
+)
+from holoview.light.model.elements import Element, ElementsField, Pixels, element_names
 from holoview.light.model.effects.registry import EffectPairs, EffectTable, require_possible_effects
 from holoview.light.model.eye import Eye
 from holoview.light.model.fields import (
@@ -64,17 +81,19 @@ class ObserverText:
 
 @dataclass(frozen=True, eq=False)
 class System(Description):
-    """A display: lasers, one or two phase modulators, relays, focal planes, observer and sampling. Frozen.
+    """A display: lasers, elements that light passes, focal planes, observer and sampling. Frozen.
 
-    In place of modulators it may have the plane of a complex field (`Modulator.content`), alone and without padding
-    between its samples: `upsample` is 1. Its planes may lie before it.
+    Elements are given as such, or in the short form as `modulators`, `gap_m`, `relay1` and `relay2`; `elements` has
+    them in either case, and of a chain of that form the four others are known, too. In place of modulators it may have
+    the plane of a complex field (`Modulator.content`), alone and without padding between its samples: `upsample` is 1.
+    Its planes may lie before it.
 
     wavelengths_m: (wavelength,) vacuum wavelengths of the lasers, m.
     amplitudes: (frame, wavelength) relative power of each laser in each frame, a factor of the intensity. Frames and
     directions of the source are averaged.
-    modulators: one or two `Modulator`s of equal shape and pitch, or the plane of a field.
+    modulators: one or two `Modulator`s of equal shape and pitch, or the plane of a field; none of another chain.
     gap_m: distance from modulator 1 to modulator 2, m; None with one modulator.
-    planes_m: (plane,) distances of the focal planes from the last modulator, m; larger is nearer to the viewer.
+    planes_m: (plane,) distances of the focal planes from the last element, m; larger is nearer to the viewer.
     source: illumination of the first modulator, a `Source`.
     relay1, relay2: `Relay` between the modulators, and behind the last one.
     observer: "eye" (2° cone fundamentals), "cie1931", "mono" (a camera with flat response), "age 60, field 4" or what
@@ -85,6 +104,8 @@ class System(Description):
     effects: imperfections that are active and their values, {"gap": {"gap_error": "0.1 mm"}}; ids are those of
     `holoview.light.effects`.
     name, description: of the preset.
+    elements: what light passes, in order: `holoview.light.model.elements` has their kinds.
+    planes_from: the name of the element from which planes are measured; "": the last that isn't a space.
 
     Lengths are metres or text such as "2 mm", at most 1 m; planes of a field lie from -2 m to 2 m. Arrays are
     read-only. Two systems are equal, and have equal hashes, when all values are. Raises UserError, with the key, the
@@ -105,7 +126,9 @@ class System(Description):
     amplitudes: Floats = described_field(
         Array(Number(low=0.0, high=1e12), axes=2), "Relative power of each laser in each frame."
     )
-    modulators: tuple[Modulator, ...] = described_field(NestedList(Modulator), "One or two phase modulators.")
+    modulators: tuple[Modulator, ...] = described_field(
+        NestedList(Modulator), "One or two phase modulators.", default=()
+    )
     gap_m: float | None = described_field(
         Number("mm", low=0.0, high=_LONGEST_M, optional=True), "From modulator 1 to 2.", default=None
     )
@@ -127,22 +150,56 @@ class System(Description):
     effects: EffectPairs = described_field(
         EffectTable(), "What the bench does beyond the plain model: effects by their id.", default=()
     )
+    elements: tuple[Element, ...] = described_field(
+        ElementsField(), "What light passes, in order, in place of modulators, gap and relays.", default=()
+    )
+    planes_from: str = described_field(
+        Choice(), "The element from which planes are measured; the last but spaces when absent.", default=""
+    )
     name: str = described_field(Choice(), "Name of the preset.", default="")
     description: str = described_field(Choice(), "The bench in a sentence.", default="")
 
     def __post_init__(self) -> None:
         validate(self)
+        self._complete_elements()
         for key, array in (("wavelengths", self.wavelengths_m), ("planes", self.planes_m)):
             if array.ndim != 1 or len(array) == 0:
                 raise UserError(key, f"an array of shape {array.shape}", expected="a list of at least one length")
         self._check_amplitudes()
-        self._check_modulators()
-        self._check_field()
+        if not self.is_chain:
+            self._check_modulators()
+            self._check_field()
+        _ = self.way  # which checks the chain
         self.plane_type.parse(self.planes_m, "planes")
         self._check_source()
         self._check_stops()
         self._check_visible()
         require_possible_effects(self)
+
+    def _complete_elements(self) -> None:
+        """The elements of a short form, or the short form of elements, if they have one."""
+        if self.modulators:
+            if len(self.modulators) > 2 or self.planes_from:
+                return  # refused by the checks that follow
+            short = ShortForm(self.modulators, self.gap_m, self.relay1, self.relay2)
+            object.__setattr__(self, "elements", elements_of(short, tuple(e.name for e in self.elements)))
+            return
+        if not self.elements:
+            raise UserError("modulators", "0 of them", expected="one or two, or other elements")
+        if self.gap_m is not None or not self.relay1.is_clear or not self.relay2.is_clear:
+            raise UserError(
+                "elements", "beside a gap or relays", expected="spaces, which have their distances and stops"
+            )
+        found = short_form(self.elements, self.planes_from)
+        object.__setattr__(self, "modulators", NoModulators() if found is None else found.modulators)
+        if found is not None:
+            for key in ("gap_m", "relay1", "relay2"):
+                object.__setattr__(self, key, getattr(found, key))
+            names = tuple(e.name for e in self.elements)
+            object.__setattr__(self, "elements", elements_of(found, (*names, "")[: 2 * len(found.modulators)]))
+            object.__setattr__(self, "planes_from", "")
+        elif self.effects:
+            raise needs_short_form("effects")
 
     def _check_amplitudes(self) -> None:
         count = len(self.wavelengths_m)
@@ -208,9 +265,10 @@ class System(Description):
 
     def _check_stops(self) -> None:
         """At the longest wavelength, at which a stop at the first order is widest, light passes each relay."""
-        for key, relay in (("relay1", self.relay1), ("relay2", self.relay2)):
+        for number, (relay, order_m) in enumerate(zip(self.way.relays, self.way.orders_m, strict=True), 1):
+            key = "elements" if self.is_chain else f"relay{number}"
             try:
-                relay.check_passes_light(float(self.wavelengths_m.max()), self.modulators[0].pitch_m)
+                relay.check_passes_light(float(self.wavelengths_m.max()), order_m)
             except UserError as error:
                 raise error.inside(f"{key}.") from error
 
@@ -245,7 +303,50 @@ class System(Description):
         >>> hv.load("holochrome-8").is_field
         False
         """
-        return self.modulators[0].is_field
+        return not self.is_chain and self.modulators[0].is_field
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether its elements have no short form.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").is_chain
+        False
+        """
+        return isinstance(self.modulators, NoModulators)
+
+    @cached_property
+    def way(self) -> Way:
+        """What light does from the source to the last element (`holoview.light.model.chain`).
+
+        >>> import holoview as hv
+        >>> [step.landmark for step in hv.load("holochrome-8").way.steps]
+        ['slm1', 'gap', 'slm2']
+        """
+        if self.is_chain:
+            return chain_way(self.elements, self.planes_from, self.sampling, self.wavelengths_m)
+        return short_way(ShortForm(self.modulators, self.gap_m, self.relay1, self.relay2), self.sampling)
+
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """The names of its elements: their own, or made from their kinds.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").element_names
+        ('phase1', 'space1', 'phase2', 'space2')
+        """
+        return element_names(self.elements)
+
+    @property
+    def drive_shapes(self) -> dict[str, tuple[int, int, int]]:
+        """Shapes (frame, y, x) of the patterns of the elements that show some, by their names.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").with_(shape=[48, 64]).drive_shapes
+        {'phase1': (1, 48, 64), 'phase2': (1, 48, 64)}
+        """
+        pairs = zip(self.element_names, self.elements, strict=True)
+        return {name: (self.frames, *pixel_shape(e)) for name, e in pairs if isinstance(e, Pixels) and e.is_driven}
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -254,7 +355,8 @@ class System(Description):
         "light": the illumination of the first modulator, or of the field. "slm1": behind modulator 1; of a field
         "field". "gap": at modulator 2, before it. "slm2": behind modulator 2. "stop": in the Fourier plane of relay 2,
         behind its stops, by direction. "plane": in the focal plane. With an eye "pupil": in its pupil, by direction,
-        with the phase that its focus on the plane leaves; "retina": on the retina.
+        with the phase that its focus on the plane leaves; "retina": on the retina. Of a chain, in place of those of
+        modulators: the names of its elements, behind which the light is looked at, and "before " with the name.
 
         >>> import holoview as hv
         >>> hv.load("holochrome-8").stages
@@ -262,6 +364,8 @@ class System(Description):
         """
         if self.is_field:
             before: tuple[str, ...] = ("light", "field")
+        elif self.is_chain:
+            before = ("light", *(step.landmark for step in self.way.steps if step.landmark))
         else:
             before = ("light", "slm1") if self.gap_m is None else ("light", "slm1", "gap", "slm2")
         return (*before, "stop", "plane", *(() if self.eye is None else ("pupil", "retina")))
@@ -280,12 +384,15 @@ class System(Description):
     def drive_shape(self) -> tuple[int, int, int, int]:
         """Shape (frame, modulator, y, x) of a drive, the patterns that the modulators show.
 
-        For a field (frame, wavelength, y, x): its drive is the complex field itself.
+        For a field (frame, wavelength, y, x): its drive is the complex field itself. Raises UserError for a chain,
+        whose patterns are known by their elements (`drive_shapes`).
 
         >>> import holoview as hv
         >>> hv.load("holochrome-8").with_(shape=[48, 64]).drive_shape
         (1, 2, 48, 64)
         """
+        if self.is_chain:
+            raise needs_short_form("this")
         count = len(self.wavelengths_m) if self.is_field else len(self.modulators)
         return (self.frames, count, *self.modulators[0].shape)
 
@@ -297,6 +404,8 @@ class System(Description):
         >>> hv.load("holochrome-8").with_(shape=[48, 64]).field_m
         (0.000384, 0.000512)
         """
+        if self.is_chain:
+            return self.way.shape[0] * self.way.sample_m, self.way.shape[1] * self.way.sample_m
         modulator = self.modulators[0]
         return modulator.shape[0] * modulator.pitch_m, modulator.shape[1] * modulator.pitch_m
 
@@ -328,7 +437,13 @@ class System(Description):
         >>> system.gap_m, system.relay2.iris_na
         (0.003, 0.02)
         """
-        edited: System = with_changes(self, expand_edit(self, changes))
+        expanded = expand_edit(self, changes)
+        heads = {key.partition(".")[0] for key in expanded}
+        if "elements" in heads or "planes_from" in heads:
+            expanded = _in_elements(self, expanded, heads)
+        elif self.is_chain and "modulators" in expanded:
+            expanded = {"elements": (), "planes_from": ""} | expanded
+        edited: System = with_changes(self, expanded)
         return edited
 
     def with_(self, **changes: Any) -> System:
@@ -343,3 +458,12 @@ class System(Description):
         4
         """
         return self.edit(changes)
+
+
+def _in_elements(system: System, changes: dict[str, Any], heads: set[str]) -> dict[str, Any]:
+    """Changes of elements, before which the short form is taken away: it follows from them."""
+    beside = heads & {"modulators", "gap", "relay1", "relay2"}
+    if beside:
+        key = min(beside)
+        raise UserError(key, "changed together with elements", expected="one of them", remedy="change elements alone")
+    return {"modulators": (), "gap": None, "relay1": Relay(), "relay2": Relay(), "elements": system.elements} | changes

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.colour import observer_table, observer_weights
-from holoview.light.model.bench_parts import Relay
+from holoview.light.model.chain import Travel
 from holoview.light.model.effects.registry import ActiveEffects, bench_properties, idle_parameters
 from holoview.light.model.eye import Eye
 from holoview.light.model.passband import Integers, band_limit, frequencies_left, nothing_left
@@ -153,14 +153,25 @@ def paths(plan: Plan) -> list[Path]:
     """The ways that light goes: the gap, and to the farthest plane at any wavelength, which may lie before a field."""
     distances = plan.distances_m.ravel()
     farthest_m = float(distances[np.argmax(np.abs(distances))])
-    ways = [("planes" if plan.nominal.eye is None else "eye", 1, farthest_m)]
-    return ways if plan.system.gap_m is None else [("gap", 0, plan.system.gap_m), *ways]
+    way, to_planes = plan.way, ("planes" if plan.nominal.eye is None else "eye", plan.way.last, farthest_m)
+    between = [step.relay for step in way.steps if isinstance(step, Travel) and way.kernel(step.relay) is None]
+    return [("elements" if way.is_chain else "gap", relay, way.distances_m[relay]) for relay in between] + [to_planes]
 
 
-def first_order_sine(plan: Plan, relay: Relay, wavelength_m: float) -> float:
+def _key(plan: Plan, relay: int) -> str:
+    """The key of the bench that states the stops of a relay."""
+    return "elements" if plan.way.is_chain else f"relay{relay + 1}"
+
+
+def finest_pitch_m(plan: Plan) -> float:
+    """The pitch of the finest pixels of a bench."""
+    return min(plan.way.orders_m)
+
+
+def first_order_sine(plan: Plan, relay: int, wavelength_m: float) -> float:
     """The largest direction sine along an axis that a relay passes of the first order, λ/(2p) or less."""
-    pitch_m = plan.system.modulators[0].pitch_m
-    return min(relay.axis_sine(wavelength_m, pitch_m), wavelength_m / (2 * pitch_m))
+    pitch_m = plan.order_m(relay)
+    return min(plan.relays[relay].axis_sine(wavelength_m, pitch_m), wavelength_m / (2 * pitch_m))
 
 
 # --- band limit -----------------------------------------------------------------------------------------------------
@@ -208,7 +219,7 @@ def _light_left(plan: Plan) -> Measured:
     return Measured(
         float(fewest),
         "no light passes its stops" if fewest == 0 else "a single frequency of the samples passes its stops",
-        f"relay{relay + 1}",
+        _key(plan, relay),
         "widen them, move them to light that the samples hold, or raise padding or upsample",
     )
 
@@ -233,7 +244,7 @@ def _first_order_left(plan: Plan) -> Measured | None:
     for key, relay, distance_m in paths(plan):
         for λ in lit_wavelengths(plan).tolist():
             limit = min(band_limit(n, grid.pitch_m, λ, distance_m) for n in grid.padded)
-            share = λ * limit / min(first_order_sine(plan, plan.relays[relay], λ), 1.0)
+            share = λ * limit / min(first_order_sine(plan, relay, λ), 1.0)
             if share < worst:
                 worst, worst_key, worst_m = share, key, distance_m
     return Measured(
@@ -258,7 +269,7 @@ def wrap_around(plan: Plan) -> tuple[float, str, float]:
     """
     worst = (0.0, "", 0.0)
     for key, relay, distance_m in paths(plan):
-        reach = walk_off(plan.system, plan.relays[relay], distance_m)
+        reach = walk_off(plan.system, relay, distance_m)
         for n, padded in zip(plan.grid.shape, plan.grid.padded, strict=True):
             share = min(1.0, max(0.0, n + reach - padded) / n)
             if share > worst[0]:
@@ -305,8 +316,9 @@ def envelope_excess(upsample: int, cycles: float) -> float:
 def _envelope(plan: Plan) -> Measured | None:
     if plan.system.is_field:  # a field is known at points and has no pixels
         return None
-    pitch_m, upsample = plan.system.modulators[0].pitch_m, plan.grid.upsample
-    relays = [plan.relays[number] for _, number, _ in paths(plan)]
+    pitch_m = finest_pitch_m(plan)
+    upsample = round(pitch_m / plan.grid.pitch_m)
+    relays = [number for _, number, _ in paths(plan)]
     cycles = max(
         pitch_m / λ * first_order_sine(plan, relay, λ) for relay in relays for λ in lit_wavelengths(plan).tolist()
     )
@@ -338,12 +350,12 @@ _limit(
     at_most=1.0,
 )
 def _stops(plan: Plan) -> Measured | None:
-    pitch_m, dx = plan.system.modulators[0].pitch_m, plan.grid.pitch_m
+    dx = plan.grid.pitch_m
     stopped = [(number, plan.relays[number]) for _, number, _ in paths(plan) if plan.relays[number].has_aperture]
     if not stopped:
         return None
     worst, number = max(
-        (relay.axis_sine(λ, pitch_m) / min(λ / (2 * dx), 1.0), number)
+        (relay.axis_sine(λ, plan.order_m(number)) / min(λ / (2 * dx), 1.0), number)
         for number, relay in stopped
         for λ in lit_wavelengths(plan).tolist()
     )
@@ -351,7 +363,7 @@ def _stops(plan: Plan) -> Measured | None:
         worst,
         f"the stops of relay {number + 1} reach {worst:.3g} times as far as the samples hold light, and nothing is "
         "computed beyond",
-        f"relay{number + 1}",
+        _key(plan, number),
         "raise upsample or narrow the stop",
     )
 
@@ -394,7 +406,7 @@ def _phase_error(plan: Plan) -> Measured:
             limits = [1 / (2 * grid.pitch_m)] * 2
             if _is_band_limited(plan):
                 limits = [min(limits[0], band_limit(n, grid.pitch_m, λ, distance_m)) for n in grid.padded]
-            stop = plan.relays[number].steepest_sine(λ, plan.system.modulators[0].pitch_m)
+            stop = plan.relays[number].steepest_sine(λ, plan.order_m(number))
             turns = remainder_turns(abs(distance_m) / λ, min(stop**2, (λ * math.hypot(*limits)) ** 2))
             error = 2 * math.pi * _ROUNDINGS * _UNIT_ROUNDOFF * turns
             if error >= worst:
@@ -423,7 +435,7 @@ PIXEL_WAVELENGTHS = 1 / (math.sqrt(2) * math.sqrt(1 - _COSINE**2))
     at_least=PIXEL_WAVELENGTHS,
 )
 def _pixel_wavelengths(plan: Plan) -> Measured:
-    pitch_m, λ = plan.system.modulators[0].pitch_m, float(lit_wavelengths(plan).max())
+    pitch_m, λ = finest_pitch_m(plan), float(lit_wavelengths(plan).max())
     return Measured(
         pitch_m / λ,
         f"pixels of {units.format_rounded(pitch_m, 'um')} are {pitch_m / λ:.2g} wavelengths at "
@@ -455,7 +467,7 @@ def evanescent_share(half_side: float) -> float:
 )
 def _evanescent(plan: Plan) -> Measured:
     λ = float(lit_wavelengths(plan).max())
-    share = evanescent_share(λ / (2 * plan.system.modulators[0].pitch_m))
+    share = evanescent_share(λ / (2 * finest_pitch_m(plan)))
     return Measured(
         share,
         f"{share:.0%} of the first order is evanescent at {units.format_rounded(λ, 'nm')}: this detail of the patterns "
@@ -472,7 +484,7 @@ def _evanescent(plan: Plan) -> Measured:
     at_least=1.0,
 )
 def _distance_in_waves(plan: Plan) -> Measured | None:
-    distances = [(z, "gap") for key, _, z in paths(plan) if key == "gap" and z > 0]
+    distances = [(z, key) for key, _, z in paths(plan) if key in ("gap", "elements") and z > 0]
     distances += [(abs(z), "planes") for z in plan.distances_m.ravel().tolist() if z != 0]
     if not distances:
         return None
@@ -578,7 +590,7 @@ def _worst_share(plan: Plan, orders: float) -> tuple[float, float] | None:
     eyes = dict.fromkeys(plane.eye for plane in plan.planes if plane.eye is not None)
     if not eyes:
         return None
-    pitch_m, field_m = plan.system.modulators[0].pitch_m, plan.nominal.field_m
+    pitch_m, field_m = plan.order_m(plan.way.last), plan.nominal.field_m
     return min(
         (pupil_share(eye, eye.pupil_na(field_m), orders * λ / (2 * pitch_m)), λ)
         for eye in eyes
@@ -613,7 +625,7 @@ def _in_eyebox(plan: Plan) -> Measured | None:
     at_least=1.0,
 )
 def _in_samples(plan: Plan) -> Measured | None:
-    worst = _worst_share(plan, float(plan.grid.upsample))
+    worst = _worst_share(plan, plan.order_m(plan.way.last) / plan.grid.pitch_m)
     if worst is None:
         return None
     share, λ = worst

@@ -27,6 +27,7 @@ from holoview.light.model.passband import Transfer
 from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.fourier import PrunedAxis, phasor_of_turns
 from holoview.light.numerics.resample import centred_indices, upsample_nearest
+from holoview.light.optics.chain import fourier_kernel
 from holoview.light.optics.propagate import eye_pupil, nominal_pupil, transfer_function_at
 from holoview.light.optics.slm import optical_path, phasor, pixel_spectrum
 from holoview.light.optics.torch_effects import effects_pupil
@@ -168,9 +169,13 @@ def pupil_with_effects(plan: Plan, relay: int, wavelength: int, eye: Eye | None 
 
 
 def pupil_without_effects(plan: Plan, relay: int, wavelength: int, eye: Eye | None = None) -> Tensor | None:
-    """The same without effects."""
+    """The same without effects; of a Fourier element its kernel."""
+    if (fourier := plan.way.kernel(relay)) is not None:
+        return fourier_kernel(plan, fourier, wavelength)
     pupil = nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
-    return _product(pupil, eye_pupil(plan, wavelength, eye or plan.nominal.eye)) if relay == 1 else pupil
+    if relay != plan.way.last:
+        return pupil
+    return _product(pupil, eye_pupil(plan, wavelength, eye or plan.nominal.eye))
 
 
 def _product(first: Tensor | None, second: Tensor | None) -> Tensor | None:

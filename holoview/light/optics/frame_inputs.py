@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.light.model.drives import chain_drives
 from holoview.light.model.plan import Plan
 from holoview.util.errors import UserError
 
 if TYPE_CHECKING:
     import torch
 
+    from holoview.light.optics.chain import ChainTransmissions
     from holoview.light.optics.torch_effects import FieldTransmissions, SampledTransmissions
 
 
@@ -27,13 +29,17 @@ class FrameInputs:
     """The data from which the frames of a plan are computed.
 
     drive: (frame, modulator, y, x) in 0…1 of the stroke; for the plane of a field (frame, wavelength, y, x), complex.
-    An array, or a tensor, which may require a gradient. Raises UserError when it has another shape than
-    `plan.nominal.drive_shape`, or values outside 0…1, of a field such that aren't finite.
+    An array, or a tensor, which may require a gradient; of a chain a list or a mapping (`model.drives`). Raises
+    UserError when it has another shape than `plan.nominal.drive_shape`, or values outside 0…1, of a field such that
+    aren't finite.
     """
 
-    def __init__(self, plan: Plan, drive: torch.Tensor | NDArray[np.generic]) -> None:
+    def __init__(self, plan: Plan, drive: Any) -> None:
         self.plan = plan
-        self._drive: Any = drive if hasattr(drive, "detach") else np.asarray(drive)
+        if plan.way.is_chain:
+            self._drive: Any = chain_drives(plan.nominal, drive)
+            return
+        self._drive = drive if hasattr(drive, "detach") else np.asarray(drive)
         check_drive(plan, self._drive)
 
     @cached_property
@@ -54,15 +60,20 @@ class FrameInputs:
     def pupils(self) -> tuple[tuple[torch.Tensor | None, ...], ...]:
         """pupils[relay][wavelength], (P_y, P_x) complex128, or None where light is only stopped."""
         wavelengths = range(len(self.plan.system.wavelengths_m))
+        relays = range(len(self.plan.relays))
         if not _has_pupils(self.plan):
-            return ((None,) * len(wavelengths),) * 2
+            return ((None,) * len(wavelengths),) * len(relays)
         from holoview.light.optics.bench import pupil_with_effects
 
-        return tuple(tuple(pupil_with_effects(self.plan, relay, i) for i in wavelengths) for relay in (0, 1))
+        return tuple(tuple(pupil_with_effects(self.plan, relay, i) for i in wavelengths) for relay in relays)
 
     @cached_property
-    def sampled_transmissions(self) -> SampledTransmissions | FieldTransmissions | None:
+    def sampled_transmissions(self) -> SampledTransmissions | FieldTransmissions | ChainTransmissions | None:
         """Of modulators whose transmission isn't exp(2πi·opd/λ) of their pixels; None if there is none."""
+        if self.plan.way.is_chain:
+            from holoview.light.optics.chain import ChainTransmissions
+
+            return ChainTransmissions(self.plan, self._drive)
         if not (self.plan.nominal.effects or self.plan.nominal.is_field):
             return None
         from holoview.light.optics.torch_effects import FieldTransmissions, SampledTransmissions
@@ -75,9 +86,9 @@ class FrameInputs:
     def stroke_fractions(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
         """Optical paths of a modulator's pixels (y, x), float32 in units of the stroke, which keeps a drive exact.
 
-        A single 0 for the plane of a field, which has none and for which nothing reads them.
+        A single 0 for the plane of a field and for a chain, which have none and for which nothing reads them.
         """
-        if self.plan.nominal.is_field:
+        if self.plan.nominal.is_field or self.plan.way.is_chain:
             return np.zeros((1, 1), np.float32)
         is_plain = self.plan.moments == (1.0,) and all(m.levels is None for m in self.plan.system.modulators)
         if is_plain and isinstance(self._drive, np.ndarray) and not self.plan.nominal.effects:
@@ -142,8 +153,8 @@ def _check_field(field: Any, expected: tuple[int, ...]) -> None:
 
 def _has_pupils(plan: Plan) -> bool:
     """Whether a relay, the eye or an effect may have a pupil that does more than stop light whole."""
-    relays, eye = (plan.nominal.relay1, plan.nominal.relay2), plan.nominal.eye
-    has_pupils = plan.has_weighted_stops or any(
-        relay.aberration_m or relay.apodisation_na is not None for relay in relays
+    eye, has_kernels = plan.nominal.eye, bool(plan.way.kernels)
+    has_pupils = (has_kernels or plan.has_weighted_stops) or any(
+        relay.aberration_m or relay.apodisation_na is not None for relay in plan.nominal.way.relays
     )
     return has_pupils or bool(plan.nominal.effects) or (eye is not None and eye.has_pupil_function)

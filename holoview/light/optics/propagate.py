@@ -139,8 +139,8 @@ def nominal_pupil(
     amplitude = torch.ones_like(sine) if weights is None else torch.from_numpy(weights).to(device)
     if description.apodisation_na is not None:
         amplitude = amplitude * torch.exp(-((sine / description.apodisation_na) ** 2))
-    stops = nominal or (plan.nominal.relay1, plan.nominal.relay2)[relay]
-    radius = stops.pupil_radius_sine(λ, plan.nominal.modulators[0].pitch_m)
+    stops = nominal or plan.nominal.way.relays[relay]
+    radius = stops.pupil_radius_sine(λ, plan.nominal.way.orders_m[relay])
     sine_y, sine_x = (s - centre for s, centre in zip((sine_y, sine_x), stops.centre_na, strict=True))
     opd = zernike_sum(description.aberration_m, torch.hypot(sine_y, sine_x) / radius, torch.atan2(sine_y, sine_x))
     return torch.polar(amplitude, 2 * math.pi * torch.remainder(opd / λ, 1.0)).to(dtype)

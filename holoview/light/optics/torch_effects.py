@@ -205,7 +205,7 @@ def modulator_context(
 def effects_pupil(plan: Plan, relay: int, wavelength: int) -> Tensor | None:
     """The pupil (P_y, P_x) complex128 that effects add to a relay, in `fftfreq` order; None if there is none."""
     λ = float(plan.system.wavelengths_m[wavelength])
-    nominal = (plan.nominal.relay1, plan.nominal.relay2)[relay]
-    radius = nominal.pupil_radius_sine(λ, plan.nominal.modulators[0].pitch_m)
+    nominal = plan.nominal.way.relays[relay]
+    radius = nominal.pupil_radius_sine(λ, plan.nominal.way.orders_m[relay])
     context = RelayContext(relay, λ, *direction_sines(plan.grid, λ), radius, nominal.centre_na)
     return TorchEffects(plan.nominal.effect_values).pupil(context, torch.complex128)

@@ -540,7 +540,7 @@ def gap_range(system: System, plane_range_m: tuple[float, float]) -> tuple[float
     if system.sampling.propagation == "compact":
         plan = make_plan(system, [max(plane_range_m, key=abs)])
         room = min(p - n for p, n in zip(plan.grid.padded, plan.grid.shape, strict=True))
-        reach = walk_off(plan.system, plan.system.relay1, 1.0)
+        reach = walk_off(plan.system, 0, 1.0)
         high = max(system.gap_m, min(high, room / reach if reach else math.inf))
     known = _true_distances(system, "gap", (low, high))
     return (low, high) if known is None else (known["nominal_m"][0], known["nominal_m"][-1])

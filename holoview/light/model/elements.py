@@ -1,0 +1,322 @@
+"""The elements that light passes on a bench, each a frozen, checked class with a `kind`; lengths in SI units.
+
+    [[elements]]
+    kind = "phase"
+    pitch = "8 um"
+    shape = [384, 512]
+    stroke = "825 nm"
+
+A `System` has them in the order of the light (`holoview.light.model.chain` says which orders are possible, and what
+numbers follow). Modulators and masks have square pixels on the simulation's samples, and stop all light beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.fields import (
+    Choice,
+    Description,
+    Integer,
+    LevelFractions,
+    Maybe,
+    Number,
+    Several,
+    Shape,
+    described_field,
+    from_mapping,
+    same_field,
+    to_mapping,
+    validate,
+    with_changes,
+)
+from holoview.light.model.stops import SquareStop
+from holoview.util.errors import UserError, suggest_matches
+
+_FOCAL_LENGTH = Number("mm", low=1e-5, high=1e3)
+_PLACE = Several(Number("um", low=-0.1, high=0.1), 2, 'two lengths (y, x) such as ["0 um", "8 um"]')
+_LONGEST_NAME = 40
+
+
+@dataclass(frozen=True)
+class NameField:
+    """Field type of an element's name, by which drives and edits know it; "" for one that is made from its kind."""
+
+    def parse(self, value: Any, where: str) -> str:
+        is_text = isinstance(value, str) and value.isprintable() and value == value.strip()
+        if not is_text or len(value) > _LONGEST_NAME or "." in value or value.isdigit():
+            expected = f"up to {_LONGEST_NAME} characters, without dots, and not a number alone"
+            raise UserError(where, f"{value!r}"[:_LONGEST_NAME], expected=expected)
+        return str(value)
+
+    def to_toml(self, value: str) -> str:
+        return value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Element(Description):
+    """An element of a bench. name: by which drives and edits know it.
+
+    >>> import holoview as hv
+    >>> [element.kind for element in hv.load("holochrome-8").elements]
+    ['phase', 'space', 'phase', 'space']
+    """
+
+    kind: ClassVar[str] = ""
+    name: str = described_field(NameField(), "By which drives and edits know it.", default="")
+
+    def __post_init__(self) -> None:
+        validate(self)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pixels(Element):
+    """An element of square pixels, beside which no light passes.
+
+    pitch_m: distance between pixel centres. shape: (rows, columns). offset_m: place (y, x) of its centre from the axis.
+    """
+
+    pitch_m: float = same_field(Modulator, "pitch_m")
+    shape: tuple[int, int] = same_field(Modulator, "shape")
+    offset_m: tuple[float, float] = described_field(_PLACE, "Place (y, x) of its centre.", default=(0.0, 0.0))
+
+    is_driven: ClassVar[bool] = True
+    """Whether it shows a pattern of each frame."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PhaseModulator(Pixels):
+    """A phase modulator: exp(2πi·drive·stroke/λ). levels: stroke fractions that it can show; None: continuous."""
+
+    kind: ClassVar[str] = "phase"
+    stroke_m: float = described_field(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
+    levels: NDArray[np.float64] | None = same_field(Modulator, "levels")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AmplitudeModulator(Pixels):
+    """An amplitude modulator: its drive, 0…1, is the share of the amplitude that passes. levels: of the drive; 2: binary.
+
+    Leakage and limited contrast aren't modelled: 0 passes nothing.
+    """
+
+    kind: ClassVar[str] = "amplitude"
+    levels: NDArray[np.float64] | None = same_field(Modulator, "levels")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ComplexModulator(Pixels):
+    """A modulator of amplitude and phase: its drive is complex, of modulus 0…1.
+
+    stroke_m: optical path of a whole turn of the drive's phase, which then changes with the wavelength as that of a
+    phase modulator; None: the same phase at every wavelength.
+    """
+
+    kind: ClassVar[str] = "complex"
+    stroke_m: float | None = described_field(
+        Number("nm", low=1e-9, high=20e-6, optional=True),
+        "Optical path of a whole turn; none: the same phase at all wavelengths.",
+        default=None,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FieldPlane(Pixels):
+    """The plane of a complex field that is known at points, alone on its bench (`Modulator.content`)."""
+
+    kind: ClassVar[str] = "field"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mask(Pixels):
+    """A static mask: optical path, amplitude, or both, from a file or named; the path is the same at all wavelengths.
+
+    shape: (rows, columns); None: those of the file.
+    file: .npy, PNG or TIFF. With a stroke its values, 0…1, are fractions of the stroke. Without, a .npy of numbers up
+    to 20 µm in size is an optical path in metres, and values 0…1 are amplitudes; a .npy (2, y, x) is both, the path in
+    metres and the amplitude.
+    pattern: "random" (path 0…stroke, from `seed`), "grating" (lines along y of half a `period`, of the stroke, or dark
+    without one), "lens array" (lenses of `period`, `focal_length` at any wavelength) or "half plane" (dark below the
+    axis).
+    """
+
+    kind: ClassVar[str] = "mask"
+    is_driven: ClassVar[bool] = False
+    shape: tuple[int, int] | None = described_field(  # type: ignore[assignment]
+        Maybe(Shape()), "Rows and columns; those of its file when absent.", default=None
+    )
+    stroke_m: float | None = described_field(
+        Number("nm", low=1e-9, high=100e-6, optional=True), "Optical path of the value 1.", default=None
+    )
+    file: str = described_field(Choice(), "Its values: .npy, PNG or TIFF.", default="")
+    pattern: str = described_field(
+        Choice(("", "random", "grating", "lens array", "half plane")), "A named mask in place of a file.", default=""
+    )
+    period_m: float | None = described_field(
+        Number("um", low=1e-7, high=0.1, optional=True), "Period of a grating or of a lens array.", default=None
+    )
+    focal_length_m: float | None = described_field(
+        Number("mm", low=1e-5, high=1e3, optional=True), "Of each lens of a lens array.", default=None
+    )
+    seed: int = described_field(Integer(0, 1 << 31), "Of a random mask.", default=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if bool(self.file) == bool(self.pattern):
+            found = "with a pattern" if self.file else "is missing"
+            raise UserError("file", found, expected="a file or a pattern, one of them")
+        needs = {"random": ("stroke",), "grating": ("period",), "lens array": ("period", "focal_length")}
+        needed = ("shape", *needs.get(self.pattern, ())) if self.pattern else ()
+        for key in needed:
+            if getattr(self, key if key == "shape" else f"{key}_m") is None:
+                raise UserError(key, "is missing", expected=f'it, with pattern = "{self.pattern}"')
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Lens(Element):
+    """A thin lens on the axis: exp(−iπ·r²/(λ·f)), as wide as the simulated field; negative: a diverging one."""
+
+    kind: ClassVar[str] = "lens"
+    focal_length_m: float = described_field(Number("mm", low=-1e3, high=1e3), "Focal length; negative: it diverges.")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if abs(self.focal_length_m) < _FOCAL_LENGTH.low:
+            raise UserError("focal_length", f"{self.focal_length_m:g} m", expected="at least 0.01 mm")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Space(Element):
+    """Free space to the next element, through a relay's stops and aberrations (the keys of `Relay`).
+
+    distance_m: to the next element; None behind the last, where the planes tell how far the light goes.
+    """
+
+    kind: ClassVar[str] = "space"
+    distance_m: float | None = described_field(
+        Number("mm", low=0.0, high=1.0, optional=True),
+        "To the next element; none on the way to the planes.",
+        default=None,
+    )
+    iris_na: float | None = same_field(Relay, "iris_na")
+    square: SquareStop | None = same_field(Relay, "square")
+    centre_na: tuple[float, float] = same_field(Relay, "centre_na")
+    dc_block_na: float | None = same_field(Relay, "dc_block_na")
+    apodisation_na: float | None = same_field(Relay, "apodisation_na")
+    aberration_m: tuple[tuple[int, float], ...] = same_field(Relay, "aberration_m")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.relay  # which checks that its values suit each other
+
+    @cached_property
+    def relay(self) -> Relay:
+        """Its stops and aberrations."""
+        return Relay(**{field.name: getattr(self, field.name) for field in fields(Relay)})
+
+    @staticmethod
+    def over(distance_m: float | None, relay: Relay, name: str = "") -> Space:
+        """The space of a distance with the stops of a relay."""
+        stops = {field.name: getattr(relay, field.name) for field in fields(Relay)}
+        return Space(name=name, distance_m=distance_m, **stops)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fourier(Element):
+    """A lens of focal length f, a focal length behind what stands before it: what follows stands in its Fourier plane.
+
+    u(x) ▸ −i/(λf)·∫u(x')·exp(−2πi·x·x'/(λf))dx', sampled at the same pitch as before.
+    """
+
+    kind: ClassVar[str] = "fourier"
+    focal_length_m: float = described_field(_FOCAL_LENGTH, "Focal length of the lens, half the way.")
+
+
+KINDS: dict[str, type[Element]] = {
+    each.kind: each
+    for each in (PhaseModulator, AmplitudeModulator, ComplexModulator, Mask, Lens, Space, Fourier, FieldPlane)
+}
+"""The classes of elements by their kind."""
+
+
+@dataclass(frozen=True)
+class ElementsField:
+    """Field type of a bench's elements: instances, or tables whose `kind` says which they are."""
+
+    def parse(self, value: Any, where: str) -> tuple[Element, ...]:
+        if isinstance(value, Mapping | str) or not isinstance(value, Iterable):
+            raise UserError(where, f"{value!r}"[:60], expected=f"a list of tables, one [[{where}]] each")
+        elements = list[Element]()
+        for i, entry in enumerate(value):
+            element = self._element(entry, f"{where}[{i}]")
+            elements.append(replace(element) if any(element is other for other in elements) else element)
+        return tuple(elements)
+
+    def to_toml(self, value: tuple[Element, ...]) -> list[dict[str, Any]]:
+        return [{"kind": element.kind, **to_mapping(element)} for element in value]
+
+    def with_changes(self, value: tuple[Element, ...], changes: Mapping[str, Any], where: str) -> tuple[Element, ...]:
+        """The elements with changes in some, {"0.pitch": …, "mask.pitch": …}: by their place or their name."""
+        entries, names = list(value), element_names(value)
+        for key, change in changes.items():
+            known, _, rest = key.partition(".")
+            index = names.index(known) if known in names else int(known) if known.isdecimal() else len(entries)
+            if not rest or index >= len(entries):
+                expected = f"an element, {', '.join(names)} or 0 to {len(entries) - 1}, and a key"
+                raise UserError(f"{where}.{key}", "unknown key", expected=expected)
+            try:
+                entries[index] = with_changes(entries[index], {rest: change})
+            except UserError as error:
+                raise error.inside(f"{where}.{known}.") from error
+        return tuple(entries)
+
+    def _element(self, entry: Any, where: str) -> Element:
+        if isinstance(entry, Element):
+            return entry
+        if not isinstance(entry, Mapping):
+            raise UserError(where, f"{entry!r}"[:60], expected="a table with a kind and its keys")
+        table = dict(entry)
+        kind = table.pop("kind", None)
+        if kind not in KINDS:
+            found = "is missing" if kind is None else f"{kind!r}"[:60]
+            remedy = suggest_matches(kind, KINDS) if isinstance(kind, str) else ""
+            raise UserError(f"{where}.kind", found, expected=", ".join(KINDS), remedy=remedy)
+        try:
+            element: Element = from_mapping(KINDS[kind], table)
+        except UserError as error:
+            raise error.inside(f"{where}.") from error
+        return element
+
+
+def element_names(elements: Iterable[Element]) -> tuple[str, ...]:
+    """The names of elements in order: their own, or their kind, with its number where there are several of a kind."""
+    kinds, seen, names = [element.kind for element in elements], dict[str, int](), []
+    for element in elements:
+        seen[element.kind] = number = seen.get(element.kind, 0) + 1
+        made = element.kind if kinds.count(element.kind) == 1 else f"{element.kind}{number}"
+        names.append(element.name or made)
+    return tuple(names)
+
+
+def modulator_of(element: Element) -> Modulator | None:
+    """The modulator of the short form that an element is; None for other elements, and away from the axis."""
+    if isinstance(element, Pixels) and any(element.offset_m):
+        return None
+    if isinstance(element, PhaseModulator):
+        return Modulator(element.pitch_m, element.shape, element.stroke_m, element.levels)
+    return Modulator(element.pitch_m, element.shape, content="field") if isinstance(element, FieldPlane) else None
+
+
+def element_of(modulator: Modulator, name: str = "") -> Element:
+    """A modulator of the short form as an element."""
+    place = {"name": name, "pitch_m": modulator.pitch_m, "shape": modulator.shape}
+    if modulator.is_field:
+        return FieldPlane(**place)
+    return PhaseModulator(**place, stroke_m=modulator.stroke_m, levels=modulator.levels)
