@@ -3,6 +3,8 @@
 A hologram that is a complex field is stored as a field file (`holoview.holograms.fields.field_file`), with its system.
 
 drive        float32 (frame, modulator, y, x), 0…1 of the modulator's stroke; or uint8, 0…255 for the same range
+drive/NAME   in its place, of a chain: float32 (frame, y, x) of each element that shows patterns, by its name; of a
+             complex modulator (frame, y, x, 2), real and imaginary part
 amplitudes   float64 (frame, wavelength)
 wavelengths  float64 (wavelength,), m
 metadata     format, version, system (TOML with units)
@@ -12,7 +14,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +25,7 @@ from holoview.holograms.fields.field_bench import bench_of_field, lit_field
 from holoview.holograms.fields.field_file import FIELD_FORMAT, read_field, save_field
 from holoview.holograms.fields.wavefield import Wavefield
 from holoview.light.model import preset
+from holoview.light.model.drives import chain_drives, complex_names, short_drive
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -60,12 +63,37 @@ _FILE = TensorFormat(
 )
 
 
+def _axes(name: str) -> tuple[str, str, str]:
+    """The names of the axes of an element's patterns: each element has its own sizes."""
+    return f"{name}: frame", f"{name}: y", f"{name}: x"
+
+
+def _chain_sizes(system: System) -> dict[str, int]:
+    """The sizes of the arrays in a chain's file, by the names of their axes."""
+    sizes = {"wavelength": len(system.wavelengths_m), "frame": system.frames}
+    for name, shape in system.drive_shapes.items():
+        sizes |= {**dict(zip(_axes(name), shape, strict=True)), f"{name}: part": 2}
+    return sizes
+
+
+def _chain_format(system: System) -> TensorFormat:
+    """The format of a chain's file, which has the patterns of each element."""
+    drives = (
+        ArraySchema(f"drive/{name}", ("float32",), (*_axes(name), f"{name}: part"))
+        if name in complex_names(system)
+        else ArraySchema(f"drive/{name}", ("uint8", "float32"), _axes(name))
+        for name in system.drive_shapes
+    )
+    return replace(_FILE, tensors=(*drives, *_FILE.tensors[1:]))
+
+
 @dataclass(frozen=True)
 class Hologram:
     """Patterns and the system that shows them, or a complex field and the bench that shows it.
 
     drive: (frame, modulator, y, x) float32, 0…1 of the stroke, of shape `system.drive_shape`; of a field
-    (frame, wavelength, y, x) complex64.
+    (frame, wavelength, y, x) complex64; of a chain a mapping of (frame, y, x) by the names of its elements, also given
+    as a list.
     system: the display, with the amplitudes of its lasers.
 
     Raises UserError when the drive has another shape, or values outside 0…1 or NaN.
@@ -77,10 +105,14 @@ class Hologram:
     (1, 2, 48, 64)
     """
 
-    drive: NDArray[Any]
+    drive: Any
     system: System
 
     def __post_init__(self) -> None:
+        if self.system.is_chain:
+            object.__setattr__(self, "drive", chain_drives(self.system, self.drive))
+            return
+        object.__setattr__(self, "drive", short_drive(self.system, self.drive))
         if self.drive.shape != self.system.drive_shape:
             axes = f"(frame, {'wavelength' if self.system.is_field else 'modulator'}, y, x)"
             raise UserError("drive", f"shape {self.drive.shape}", expected=f"{axes} = {self.system.drive_shape}")
@@ -162,12 +194,30 @@ class Hologram:
                 raise UserError("as_uint8", "with a field", expected="patterns of modulators")
             save_field(path, self.field(), texts)
             return
+        if self.system.is_chain:
+            self._save_chain(path, texts, as_uint8)
+            return
         tensors: dict[str, NDArray[Any]] = {
             "drive": np.rint(self.drive * _MAX_CODE).astype(np.uint8) if as_uint8 else self.drive.astype(np.float32),
             "amplitudes": self.system.amplitudes,
             "wavelengths": self.system.wavelengths_m,
         }
         _FILE.write(path, tensors, texts)
+
+    def _save_chain(self, path: str | os.PathLike[str], texts: dict[str, str], as_uint8: bool) -> None:
+        """Writes the file of a chain."""
+        known: dict[str, NDArray[Any]] = {
+            "amplitudes": self.system.amplitudes,
+            "wavelengths": self.system.wavelengths_m,
+        }
+        for name, drive in self.drive.items():
+            if name in complex_names(self.system):
+                known[f"drive/{name}"] = np.stack([drive.real, drive.imag], axis=-1).astype(np.float32)
+            elif as_uint8:
+                known[f"drive/{name}"] = np.rint(drive * _MAX_CODE).astype(np.uint8)
+            else:
+                known[f"drive/{name}"] = np.asarray(drive, np.float32)
+        _chain_format(self.system).write(path, known, texts)
 
 
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
@@ -186,16 +236,37 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     """
     if format_of(path) == FIELD_FORMAT:
         return _load_field_hologram(path)
-    with _FILE.open(path) as file:
+    kind, texts = _FILE, metadata_of(path)
+    if texts.get("format") == FORMAT and "system" in texts:
+        told = preset.loads(texts["system"], f"{path}: system", Path(path).parent)
+        kind = _chain_format(told) if told.is_chain else _FILE
+    with kind.open(path) as file:
         system = preset.loads(file.texts["system"], f"{path}: system", Path(path).parent)
-        tensors = file.tensors(drive_sizes(system))
+        tensors = file.tensors(_chain_sizes(system) if system.is_chain else drive_sizes(system))
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):
             raise UserError(f"{path}: {name}", "contradict the file's own system", remedy="write the hologram again")
+    if system.is_chain:
+        return _chain_hologram(path, tensors, system)
     drive = tensors["drive"]
     scale = _MAX_CODE if drive.dtype == np.uint8 else np.float32(1.0)
     try:
         return Hologram(drive.astype(np.float32) / scale, system)
+    except UserError as error:
+        raise error.inside(f"{path}: ") from error
+
+
+def _chain_hologram(path: str | os.PathLike[str], tensors: dict[str, NDArray[Any]], system: System) -> Hologram:
+    """The hologram of a chain from the tensors of its file."""
+    drives: dict[str, NDArray[Any]] = {}
+    for name in system.drive_shapes:
+        stored = tensors[f"drive/{name}"]
+        if name in complex_names(system):
+            drives[name] = (stored[..., 0] + 1j * stored[..., -1]).astype(np.complex64)
+        else:
+            drives[name] = stored.astype(np.float32) / (_MAX_CODE if stored.dtype == np.uint8 else np.float32(1.0))
+    try:
+        return Hologram(drives, system)
     except UserError as error:
         raise error.inside(f"{path}: ") from error
 

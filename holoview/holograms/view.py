@@ -17,11 +17,11 @@ from holoview.light.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_l
 from holoview.light.engine.backend import open_executor, simulation_bytes
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.light_share import LightShares, figures_of, light_shares, needs_transforms
+from holoview.light.model.bench_parts import Modulator, Relay, Source
 from holoview.light.model.chain import needs_short_form
 from holoview.light.model.drives import chain_drives, short_drive
-from holoview.light.model.bench_parts import Modulator, Relay, Source
-from holoview.light.model.elements import ComplexModulator
 from holoview.light.model.effects.registry import ActiveEffects
+from holoview.light.model.elements import ComplexModulator
 from holoview.light.model.eye import sample_degrees
 from holoview.light.model.focus import focused_planes, parse_planes
 from holoview.light.model.plan import make_plan
@@ -169,7 +169,7 @@ class View:
         return replace(self, intensity=self.intensity * factor, xyz=self.xyz * factor)
 
 
-def random_drive(system: System, seed: int = 0) -> NDArray[Any]:
+def random_drive(system: System, seed: int = 0) -> Any:
     """Independent random patterns, uniform over the stroke, which show as speckle.
 
     system: the display whose `drive_shape` the patterns have; a field gets random phases.
@@ -338,11 +338,12 @@ def _lit(system: System, lasers: Sequence[int] | None) -> Sequence[int]:
 
 def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
     """A system and its drive, of which a hologram has both. Raises UserError without a drive."""
-    if isinstance(system, Hologram):
-        system, drive = system.system, system.drive if drive is None else drive
+    bench = system.system if isinstance(system, Hologram) else system
+    if isinstance(system, Hologram) and drive is None:
+        drive = system.drive
     if drive is None:
         raise UserError("drive", "is missing", expected="patterns for a system; a hologram has its own")
-    return system, chain_drives(system, drive) if system.is_chain else short_drive(system, drive)
+    return bench, chain_drives(bench, drive) if bench.is_chain else short_drive(bench, drive)
 
 
 def as_field(hologram: Hologram) -> Hologram:

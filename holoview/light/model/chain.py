@@ -44,7 +44,7 @@ _MOST_ELEMENTS = 64
 
 
 class NoModulators(tuple[Modulator, ...]):
-    """The modulators of a chain that isn't of the short form: none, and asking for one raises UserError that says so."""
+    """The modulators of a chain that isn't of the short form: none; asking for one raises UserError that says so."""
 
     def __getitem__(self, index: Any) -> NoReturn:
         raise needs_short_form("this")
@@ -292,7 +292,7 @@ def pixel_shape(element: Pixels) -> tuple[int, int]:
 def _window(
     joined: Sequence[Element], elements: Sequence[Element], names: Sequence[str], sample_m: float
 ) -> tuple[int, int]:
-    """Samples (y, x) of the smallest field around the axis that holds all elements. Raises UserError off the samples."""
+    """Samples (y, x) of the smallest field around the axis that holds all elements. Raises UserError off samples."""
     pixels = [e for e in joined if isinstance(e, Pixels)]
     widths = []
     for axis in (0, 1):
@@ -310,7 +310,7 @@ def _window(
                 f"elements.{name}.offset",
                 f"the edges of its {n} samples lie between those of the field's {whole}",
                 expected="edges on samples",
-                remedy=f"an offset of {units.format_rounded(near_m, 'um')} along {'yx'[axis]} would fit, or another shape",
+                remedy=f"an offset of {units.format_rounded(near_m, 'um')} along {'yx'[axis]} would fit",
             )
         widths.append(whole)
     return widths[0], widths[1]

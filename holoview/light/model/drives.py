@@ -21,16 +21,19 @@ def chain_drives(system: System, drive: Any) -> dict[str, Any]:
     is an array or a tensor (frame, y, x), or (y, x) of all frames: 0…1, of a complex modulator complex of modulus 0…1.
     Raises UserError, with the element's name, for patterns that don't fit.
     """
-    shapes = system.drive_shapes
-    complex_names = {
-        name for name, e in zip(system.element_names, system.elements, strict=True) if isinstance(e, ComplexModulator)
-    }
+    shapes, of_complex = system.drive_shapes, complex_names(system)
     found = _by_name(drive, list(shapes))
-    return {name: _checked(found[name], name, shape, name in complex_names) for name, shape in shapes.items()}
+    return {name: _checked(found[name], name, shape, name in of_complex) for name, shape in shapes.items()}
+
+
+def complex_names(system: System) -> set[str]:
+    """The names of the elements whose patterns are complex."""
+    named = zip(system.element_names, system.elements, strict=True)
+    return {name for name, element in named if isinstance(element, ComplexModulator)}
 
 
 def short_drive(system: System, drive: Any) -> Any:
-    """The drive of a bench of the short form, (frame, modulator, y, x), also from a list or a mapping of its elements."""
+    """The drive of a bench of the short form, (frame, modulator, y, x), also from a list or mapping of its elements."""
     if not isinstance(drive, Mapping | list | tuple) or system.is_field or _is_nested(drive):
         return drive
     shapes = system.drive_shapes

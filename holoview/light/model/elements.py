@@ -25,11 +25,11 @@ from holoview.light.model.fields import (
     Choice,
     Description,
     Integer,
-    LevelFractions,
     Maybe,
     Number,
     Several,
     Shape,
+    Truth,
     described_field,
     from_mapping,
     same_field,
@@ -93,21 +93,26 @@ class Pixels(Element):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PhaseModulator(Pixels):
-    """A phase modulator: exp(2πi·drive·stroke/λ). levels: stroke fractions that it can show; None: continuous."""
+    """A phase modulator: exp(2πi·drive·stroke/λ). levels: stroke fractions that it can show; None: continuous.
+
+    shared: whether all frames show one pattern, as a static mask that is sought together with the patterns.
+    """
 
     kind: ClassVar[str] = "phase"
+    shared: bool = described_field(Truth(), "Whether all frames show one pattern.", default=False)
     stroke_m: float = described_field(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
     levels: NDArray[np.float64] | None = same_field(Modulator, "levels")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AmplitudeModulator(Pixels):
-    """An amplitude modulator: its drive, 0…1, is the share of the amplitude that passes. levels: of the drive; 2: binary.
+    """An amplitude modulator: its drive, 0…1, is the share of the amplitude that passes. levels: of it; 2: binary.
 
     Leakage and limited contrast aren't modelled: 0 passes nothing.
     """
 
     kind: ClassVar[str] = "amplitude"
+    shared: bool = described_field(Truth(), "Whether all frames show one pattern.", default=False)
     levels: NDArray[np.float64] | None = same_field(Modulator, "levels")
 
 
@@ -120,6 +125,7 @@ class ComplexModulator(Pixels):
     """
 
     kind: ClassVar[str] = "complex"
+    shared: bool = described_field(Truth(), "Whether all frames show one pattern.", default=False)
     stroke_m: float | None = described_field(
         Number("nm", low=1e-9, high=20e-6, optional=True),
         "Optical path of a whole turn; none: the same phase at all wavelengths.",
@@ -309,14 +315,19 @@ def modulator_of(element: Element) -> Modulator | None:
     """The modulator of the short form that an element is; None for other elements, and away from the axis."""
     if isinstance(element, Pixels) and any(element.offset_m):
         return None
-    if isinstance(element, PhaseModulator):
+    if isinstance(element, PhaseModulator) and not element.shared:
         return Modulator(element.pitch_m, element.shape, element.stroke_m, element.levels)
     return Modulator(element.pitch_m, element.shape, content="field") if isinstance(element, FieldPlane) else None
 
 
 def element_of(modulator: Modulator, name: str = "") -> Element:
     """A modulator of the short form as an element."""
-    place = {"name": name, "pitch_m": modulator.pitch_m, "shape": modulator.shape}
     if modulator.is_field:
-        return FieldPlane(**place)
-    return PhaseModulator(**place, stroke_m=modulator.stroke_m, levels=modulator.levels)
+        return FieldPlane(name=name, pitch_m=modulator.pitch_m, shape=modulator.shape)
+    return PhaseModulator(
+        name=name,
+        pitch_m=modulator.pitch_m,
+        shape=modulator.shape,
+        stroke_m=modulator.stroke_m,
+        levels=modulator.levels,
+    )

@@ -26,8 +26,8 @@ from holoview.light.model.focus import eyes_at, focus_shift, focused_planes, par
 from holoview.light.model.passband import (
     Band,
     Transfer,
-    band_limit,
     all_rows,
+    band_limit,
     band_of_rows,
     check_eye_sampled,
     rows_in_disc,
@@ -235,8 +235,8 @@ class Plan:
 
         relay: index in `relays`: 0 for the gap between the modulators, 1 for the way from the last one to a plane.
         wavelength: index of the wavelength in `system`.
-        plane: index in `planes`; of no matter but for the last relay. An eye is focused elsewhere at each wavelength: the
-        `Transfer` leads there.
+        plane: index in `planes`; of no matter but for the last relay. An eye is focused elsewhere at each wavelength:
+        the `Transfer` leads there.
 
         Returns a `Transfer`. `holoview.light.optics.propagate.transfer_function` evaluates it.
 

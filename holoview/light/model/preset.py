@@ -142,7 +142,7 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
 
 
 def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[Any, Path], Any]) -> dict[str, Any]:
-    """The table with `change(path, folder)` applied to the paths of its masks' files and among the parameters of its effects."""
+    """The table with `change(path, folder)` applied to the paths of its masks' files and of its effects' files."""
     elements = table.get("elements")
     if isinstance(elements, list):
         table = table | {"elements": [_map_mask_file(each, folder, change) for each in elements]}

@@ -33,8 +33,8 @@ from holoview.light.model.chain import (
     short_form,
     short_way,
 )
-from holoview.light.model.elements import Element, ElementsField, Pixels, element_names
 from holoview.light.model.effects.registry import EffectPairs, EffectTable, require_possible_effects
+from holoview.light.model.elements import Element, ElementsField, Pixels, element_names
 from holoview.light.model.eye import Eye
 from holoview.light.model.fields import (
     Array,
@@ -346,7 +346,8 @@ class System(Description):
         {'phase1': (1, 48, 64), 'phase2': (1, 48, 64)}
         """
         pairs = zip(self.element_names, self.elements, strict=True)
-        return {name: (self.frames, *pixel_shape(e)) for name, e in pairs if isinstance(e, Pixels) and e.is_driven}
+        driven = [(name, e) for name, e in pairs if isinstance(e, Pixels) and e.is_driven]
+        return {name: (1 if getattr(e, "shared", False) else self.frames, *pixel_shape(e)) for name, e in driven}
 
     @property
     def stages(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ A Fourier element of focal length f is a sum over the samples, at samples of the
 
     u(k) ▸ −i·α·Σ_j u(j)·exp(−2πi·α_y·j_y·k_y − 2πi·α_x·j_x·k_x)
 
-By 2jk = j² + k² − (k − j)² it is a chirp, a convolution with a chirp, which FFTs of the padded grid compute, and a chirp
+By 2jk = j² + k² − (k − j)² it is a chirp, a convolution with one, which FFTs of the padded grid compute, and a chirp
 (Rabiner, Schafer and Rader, Bell Syst. Tech. J. 48, 1249 (1969)), so that executors need no stage of their own for it.
 """
 
@@ -43,6 +43,10 @@ class ChainTransmissions:
         self._names = {id(element): name for element, name in names}
         self._static: dict[tuple[int, int], Tensor] = {}
 
+    def show(self, drives: dict[str, Any]) -> None:
+        """Takes other patterns from now on."""
+        self._drives = drives
+
     def is_sampled(self, number: int) -> bool:
         """Always."""
         return True
@@ -51,7 +55,8 @@ class ChainTransmissions:
         """The transmission (y, x) complex128 of the samples at a step of the way."""
         of = self._plan.way.transmissions[number]
         if isinstance(of.element, Pixels) and of.element.is_driven:
-            return self.driven(of.element, self._drive(of.element)[frame], wavelength)
+            drive = self._drive(of.element)
+            return self.driven(of.element, drive[frame if len(drive) > 1 else 0], wavelength)
         key = (number, wavelength)
         if key not in self._static:
             self._static[key] = self._of_static(of.element, of.place, wavelength)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -24,12 +25,19 @@ from holoview.light.numerics.sampling import frequency_indices
 from holoview.light.numerics.sampling import pixel_spectrum as spectrum_of_pixel
 
 
+class HasLevels(Protocol):
+    """What has levels: fractions 0…1 that can be shown; None: continuous."""
+
+    @property
+    def levels(self) -> NDArray[np.float64] | None: ...
+
+
 def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
     """The optical path (m) of a drive in 0…1 of the stroke, any shape, at the nearest level of the modulator."""
     return nearest_level(drive, modulator) * modulator.stroke_m
 
 
-def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
+def nearest_level(drive: torch.Tensor, modulator: HasLevels) -> torch.Tensor:
     """The stroke fraction of the level nearest to the drive, any shape; the drive itself for a continuous modulator.
 
     The gradient is that of the identity, the straight-through estimator (Bengio et al., arXiv:1308.3432).
@@ -41,13 +49,13 @@ def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
     return drive + (shown - drive).detach() if drive.requires_grad else shown
 
 
-def level_numbers(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
+def level_numbers(drive: torch.Tensor, modulator: HasLevels) -> torch.Tensor:
     """The index of the level nearest to the drive, in rising order of optical path; for a modulator with levels."""
     levels = _levels(drive, modulator)
     return torch.bucketize(drive.detach().contiguous(), (levels[1:] + levels[:-1]) / 2)
 
 
-def _levels(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
+def _levels(drive: torch.Tensor, modulator: HasLevels) -> torch.Tensor:
     assert modulator.levels is not None
     return torch.as_tensor(modulator.levels.copy(), dtype=drive.dtype, device=drive.device)
 
