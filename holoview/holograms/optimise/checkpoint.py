@@ -49,6 +49,7 @@ class IterationState:
     are those of the planes that this iteration took (`Settings.drawn_planes`).
     best_psnr_db: that of `best`.
     eyebox: coefficient of variation of the light in the eyebox, measured at most `amplitudes_every` iterations ago.
+    light: of a chain of elements, the share of the lasers' light that is in the picture, mean over planes; else NaN.
     seconds: time spent, including that before a checkpoint. make_best(): `best`, which is made when it is asked for.
     picture(): the present image at the middle plane, linear sRGB (y, x, 3). checkpoint(): everything that is needed to
     continue. These two must be called before the next state is requested.
@@ -64,6 +65,7 @@ class IterationState:
     make_best: Callable[[], Hologram] = field(repr=False, compare=False)
     picture: Callable[[], NDArray[np.floating]] = field(repr=False, compare=False)
     checkpoint: Callable[[], Checkpoint] = field(repr=False, compare=False)
+    light: float = math.nan
 
     @cached_property
     def best(self) -> Hologram:

@@ -19,6 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.hologram import Hologram
+from holoview.holograms.optimise.chain_loop import iterate_chain
 from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
 from holoview.holograms.optimise.eyes import DrawnPupils, StacksAt
 from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
@@ -64,7 +65,8 @@ def iterate(
     (`targets.moving_pupil.moving_target`). A `field_loss.ComplexTarget` has fields instead,
     of which phases count as well.
     settings: options of the optimiser.
-    start: initial drive (frame, modulator, y, x) in 0…1 of the stroke; `settings.begin` chooses it when None.
+    start: initial drive (frame, modulator, y, x) in 0…1 of the stroke, of a chain of elements as of `simulate`;
+    `settings.begin` chooses it when None.
     resume: a checkpoint to continue from, bit for bit on the same machine.
     done: iterations of the plan that lie behind `start`, where there is no checkpoint: the first state has this number,
     and steps and planes are those that the whole plan has from there on. Adam's memory begins anew.
@@ -87,6 +89,12 @@ def iterate(
     """
     if not 0 <= done <= settings.iterations:
         raise UserError("done", str(done), expected=f"from 0 to the {settings.iterations} iterations of the plan")
+    if system.is_chain:
+        if resume is not None or done or team.size > 1:
+            raise UserError(
+                "optimisation", "goes on or is shared, of a chain of elements", expected="one process, anew"
+            )
+        return iterate_chain(system, stack, settings, start, device=device)
     return Optimiser(system, stack, settings, start, resume, device, team, record, done).states()
 
 

@@ -1,0 +1,343 @@
+"""The optimisation loop of a chain of elements: every pattern that an element shows, by torch's own derivatives.
+
+Adam moves the patterns: phases as those of the short form, amplitudes and complex numbers by their own step, each kept
+in its range; levels by the straight-through estimator (`optics.slm.nearest_level`). A shared pattern sums the gradients
+of all frames. Amplitudes of the lasers are solved by least squares, so that absorption costs nothing in PSNR: `light`,
+the share of the lasers' light in the picture, is told beside it, and so is the eyebox.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any, NoReturn
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from holoview.holograms.hologram import Hologram
+from holoview.holograms.optimise.adam import Adam, sqrt_decay
+from holoview.holograms.optimise.checkpoint import IterationState
+from holoview.holograms.optimise.objective import AmplitudeLeastSquares, Objective, make_objective
+from holoview.holograms.optimise.settings import Settings, find_loss_space
+from holoview.light.engine.frame import spectrum_behind_modulators
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.model.drives import chain_drives
+from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Element, PhaseModulator
+from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
+from holoview.light.model.validity import check_plan
+from holoview.light.optics.chain import ChainTransmissions
+from holoview.light.optics.frame_inputs import FrameInputs
+from holoview.light.optics.slm import FirstOrder, first_order
+from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
+
+Tensor = torch.Tensor
+Floats = NDArray[np.float64]
+
+_AMPLITUDE_STEP = 0.1
+_SMOOTH_SHARE, _SMOOTH_PX = 0.02, 2.0  # of the range, r.m.s., and the width of the noise of a smooth start
+_BYTES = 48  # a sample of a field in torch's graph: field, spectrum, their products and gradients
+
+
+def iterate_chain(
+    system: System, stack: NDArray[np.floating], settings: Settings, start: Any = None, *, device: str = "cpu"
+) -> Iterator[IterationState]:
+    """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
+
+    Raises UserError for what isn't known of chains: wavelengths that are free, places of the pupil, losses of encoded
+    colours; and as `iterate` does.
+    """
+    _check_known(settings, stack)
+    problem = ChainProblem(system, stack, settings, device)
+    patterns = _Patterns(system, settings, start)
+    amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
+    make_best = None
+    for iteration in range(settings.iterations + 1):
+        is_last = iteration == settings.iterations
+        shown = patterns.shown()
+        found = problem.evaluate(shown, amplitudes)
+        if "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last):
+            amplitudes = problem.solved_amplitudes(found.intensity)
+        loss, image = problem.loss(found, amplitudes)
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            raise UserError("optimisation", f"the loss became {value}", remedy="lower the step or check the target")
+        psnr_db = problem.psnr_db(image)
+        if value < best[0]:
+            best = (value, psnr_db)
+            kept = {name: drive.detach().clone() for name, drive in shown.items()}
+            make_best = _maker(system, kept, amplitudes.copy())
+        if not is_last and "patterns" in settings.free:
+            patterns.step(loss, sqrt_decay(iteration, settings.iterations))
+        assert make_best is not None
+        yield IterationState(
+            iteration=iteration,
+            iterations=settings.iterations,
+            loss=value,
+            psnr_db=psnr_db,
+            best_psnr_db=best[1],
+            eyebox=problem.eyebox_variation(found, amplitudes),
+            light=problem.light(found.intensity, amplitudes),
+            seconds=time.perf_counter() - started,
+            make_best=make_best,
+            picture=lambda image=image: problem.picture(image),  # type: ignore[misc]
+            checkpoint=_no_checkpoint,
+        )
+
+
+def _no_checkpoint() -> NoReturn:
+    raise UserError("checkpoint", "of a chain of elements", expected="none: begin again from the hologram (--start)")
+
+
+def _maker(system: System, drives: dict[str, Tensor], amplitudes: Floats) -> Any:
+    """Makes the hologram of some patterns when it is asked for."""
+    arrays = {name: drive.cpu().numpy() for name, drive in drives.items()}
+    return cache(lambda: Hologram(arrays, system.edit({"amplitudes": amplitudes})))
+
+
+def _check_known(settings: Settings, stack: Any) -> None:
+    """Raises UserError for settings and targets that chains don't have."""
+    loss = None if settings.loss is None else find_loss_space(settings.loss)
+    unknown = {
+        "free wavelengths": "wavelengths" in settings.free,
+        "places of the pupil": bool(settings.pupil_places_m or settings.drawn_pupils),
+        "observers": bool(settings.observers),
+        f"the loss {settings.loss}": loss is not None and (loss.is_encoded or loss.structure_weight > 0),
+        "some planes at a time": bool(settings.drawn_planes),
+        "a complex target": not isinstance(stack, np.ndarray),
+    }
+    for what, is_wanted in unknown.items():
+        if is_wanted:
+            raise UserError("optimisation", f"{what}, of a chain of elements", expected="patterns and amplitudes")
+
+
+class ChainProblem:
+    """A chain, a target and a loss. Raises UserError as `make_objective` and `check_plan` do."""
+
+    def __init__(
+        self,
+        system: System,
+        stack: NDArray[np.floating],
+        settings: Settings,
+        device: str = "cpu",
+        *,
+        double: bool = False,
+    ) -> None:
+        self.plan, self.settings = check_plan(make_plan(system)), settings
+        samples = math.prod(self.plan.grid.padded) * len(self.plan.beams(range(len(system.wavelengths_m))))
+        steps = len(self.plan.planes) + 2 * len(self.plan.way.steps)
+        require_memory("optimisation", samples * steps * _BYTES, remedy="lower shape, upsample, frames or wavelengths")
+        self.objective: Objective = make_objective(self.plan, stack, settings, device=device, double=double)
+        self._executor = _Executor(self.plan, _placeholder(self.plan), double=double, device=device)
+        self._lasers = [(f, λ) for λ in range(len(system.wavelengths_m)) for f in self.plan.lit(λ)]
+        self._share = 1.0 / (system.frames * len(self.plan.slopes))
+
+    def evaluate(self, drives: Mapping[str, Tensor], amplitudes: Floats) -> ChainLight:
+        """The light of all lasers at unit amplitude for patterns by name, with torch's graph."""
+        transmissions = self._executor.inputs.sampled_transmissions
+        assert isinstance(transmissions, ChainTransmissions)
+        transmissions.show(dict(drives))
+        intensity, spectra, last = [], [], self.plan.way.last
+        for frame, wavelength in self._lasers:
+            planes, powers = [], []
+            for source in range(len(self.plan.slopes)):
+                spectrum = spectrum_behind_modulators(self._executor, wavelength, frame, source)
+                powers.append(_power(spectrum.values * self._executor.stops(wavelength).abs()))
+                seen = [
+                    self._executor.field(self._executor.transmit(spectrum, last, wavelength, plane), last)
+                    for plane in range(len(self.plan.planes))
+                ]
+                planes.append(torch.stack([_power(field.values) for field in seen]))
+            intensity.append(self._share * torch.stack(planes).sum(dim=0))
+            spectra.append(self._share * torch.stack(powers).sum(dim=0))
+        return ChainLight(torch.stack(intensity), torch.stack(spectra))
+
+    def loss(self, found: ChainLight, amplitudes: Floats) -> tuple[Tensor, Tensor]:
+        """The loss, and the image (plane, channel, y, x)."""
+        objective, image = self.objective, self._image(found.intensity, amplitudes)
+        cut = (slice(None), slice(None), *objective.region_slices)
+        weights = torch.as_tensor(objective.plane_weights).to(image)[:, None, None, None]
+        loss = (weights * (image[cut] - objective.target[cut]).square()).mean()
+        if self.settings.eyebox:
+            loss = loss + self.settings.eyebox * self._variations(found.spectra, amplitudes).square().mean()
+        return loss, image.detach()
+
+    def solved_amplitudes(self, intensity: Tensor) -> Floats:
+        """Amplitudes (frame, wavelength) that are best for the present patterns."""
+        squares = AmplitudeLeastSquares(self._channels().cpu().double().numpy())
+        cut = self.objective.region_slices
+        for plane, weight in enumerate(self.objective.plane_weights):
+            own, target = intensity[:, plane].detach(), self.objective.target[plane]
+            squares.add(squares.normal_equations(own[:, *cut], target[:, *cut]), float(weight))
+        if squares.is_dark:
+            raise UserError("optimisation", "no light reaches the picture", remedy="widen the stops or start anew")
+        out = np.zeros(self.plan.system.amplitudes.shape)
+        for (frame, wavelength), amplitude in zip(self._lasers, squares.solve(), strict=True):
+            out[frame, wavelength] = amplitude
+        return out
+
+    def psnr_db(self, image: Tensor) -> float:
+        """PSNR of channels clipped to 0…1, mean over planes."""
+        cut = (slice(None), slice(None), *self.objective.region_slices)
+        error = image[cut].clamp(0, 1) - self.objective.target[cut].clamp(0, 1)
+        return float((-10 * torch.log10(error.square().mean(dim=(1, 2, 3)))).mean())
+
+    def light(self, intensity: Tensor, amplitudes: Floats) -> float:
+        """The share of the lasers' light on the first element's field that is in the picture, mean over planes."""
+        weights = self._weights(amplitudes)
+        share = intensity.detach().mean(dim=(1, 2, 3)).cpu().double().numpy() / (self._share * len(self.plan.slopes))
+        return float(weights @ share / max(weights.sum(), 1e-300))
+
+    def eyebox_variation(self, found: ChainLight, amplitudes: Floats) -> float:
+        """Coefficient of variation of the light over 8 × 8 blocks of the last element's first order, by luminance."""
+        luminance = torch.as_tensor(self.plan.colour_weights[:, 1].copy()).to(found.spectra)
+        weights = torch.as_tensor(self._weights(amplitudes)).to(found.spectra)
+        weights = weights * torch.stack([luminance[λ] for _, λ in self._lasers])
+        return float(_variation(self._blocks(torch.tensordot(weights, found.spectra.detach(), dims=1))))
+
+    def picture(self, image: Tensor) -> NDArray[np.floating]:
+        """The middle plane of an image in linear sRGB (y, x, 3)."""
+        middle = image[len(image) // 2].cpu().double().numpy()
+        matrix = self.objective.loss.to_rgb
+        rgb = np.repeat(middle, 3, axis=0) if matrix is None else np.tensordot(matrix, middle, axes=1)
+        return np.moveaxis(rgb, 0, -1)
+
+    def _image(self, intensity: Tensor, amplitudes: Floats) -> Tensor:
+        weights = torch.as_tensor(self._weights(amplitudes)).to(intensity)
+        return torch.einsum("lpyx,lc->pcyx", intensity, weights[:, None] * self._channels())
+
+    def _channels(self) -> Tensor:
+        """Channels (laser, channel) of unit intensity of each laser that shines in a frame."""
+        return torch.stack([self.objective.wavelength_channels[λ] for _, λ in self._lasers])
+
+    def _weights(self, amplitudes: Floats) -> Floats:
+        return np.array([amplitudes[frame, λ] for frame, λ in self._lasers])
+
+    def _variations(self, spectra: Tensor, amplitudes: Floats) -> Tensor:
+        """Coefficient of variation (wavelength,) of the eyebox's light, of those that shine."""
+        by_wavelength: dict[int, Tensor] = {}
+        for (_, λ), weight, power in zip(self._lasers, self._weights(amplitudes), spectra, strict=True):
+            if weight:
+                by_wavelength[λ] = by_wavelength.get(λ, torch.zeros_like(power)) + weight * power
+        return torch.stack([_variation(self._blocks(power)) for power in by_wavelength.values()])
+
+    def _blocks(self, power: Tensor) -> Tensor:
+        """Means (block, block) over the last first order of powers in the band of the last relay."""
+        order = self._order()
+        matrices = []
+        for axis, frequencies in enumerate(self._executor.frequencies(self.plan.way.last)):
+            padded = self.plan.grid.padded[axis]
+            entries = np.full(padded, -1)
+            entries[frequencies % padded] = np.arange(len(frequencies))
+            chosen = entries[order.bins[axis]]
+            matrix = torch.zeros(order.block_matrix(axis).shape[0], len(frequencies), dtype=power.dtype)
+            lit = chosen >= 0
+            matrix[:, chosen[lit]] = torch.from_numpy(order.block_matrix(axis)[:, lit]).to(power.dtype)
+            matrices.append(matrix.to(power.device))
+        return matrices[0] @ power @ matrices[1].T
+
+    def _order(self) -> FirstOrder:
+        size = round(self.plan.order_m(self.plan.way.last) / self.plan.grid.pitch_m)
+        return first_order(replace(self.plan.grid, upsample=size))
+
+
+class ChainLight:
+    """The light of lasers at unit amplitude: intensity (laser, plane, y, x), and spectra (laser, rows, columns), powers
+    behind the last stops."""
+
+    def __init__(self, intensity: Tensor, spectra: Tensor) -> None:
+        self.intensity, self.spectra = intensity, spectra
+
+
+class _Executor(TorchExecutor):
+    """Keeps the transfer functions and stops of all wavelengths."""
+
+    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
+        """As there."""
+        return self._kept(self.derived_transfer, relay, wavelength, plane)
+
+    def stops(self, wavelength: int, relay: int | None = None) -> Tensor:
+        """As there."""
+        return self._kept(super().stops, wavelength, relay)
+
+    def _kept(self, derive: Any, *arguments: Any) -> Tensor:
+        kept: dict[Any, Tensor] = self.__dict__.setdefault("_all_kept", {})
+        key = (derive.__name__, *arguments)
+        if key not in kept:
+            kept[key] = derive(*arguments)
+        return kept[key]
+
+
+def _placeholder(plan: Plan) -> FrameInputs:
+    """Inputs of a chain whose patterns are shown later."""
+    return FrameInputs(plan, {name: np.zeros(shape) for name, shape in plan.nominal.drive_shapes.items()})
+
+
+def _power(values: Tensor) -> Tensor:
+    return values.real.square() + values.imag.square()
+
+
+def _variation(blocks: Tensor) -> Tensor:
+    return blocks.std(correction=0) / blocks.mean().clamp_min(torch.finfo(blocks.dtype).tiny)
+
+
+class _Patterns:
+    """The variables of a chain's patterns: real ones, or real and imaginary part (…, 2) of complex ones."""
+
+    def __init__(self, system: System, settings: Settings, start: Any) -> None:
+        named = dict(zip(system.element_names, system.elements, strict=True))
+        self._elements = {name: named[name] for name in system.drive_shapes}
+        given = None if start is None else chain_drives(system, start)
+        random = np.random.default_rng(settings.seed)
+        middle_m = float(np.median(system.wavelengths_m))
+        self._variables, self._steps = dict[str, Tensor](), dict[str, float]()
+        for name, element in self._elements.items():
+            shape = system.drive_shapes[name]
+            drive = _first_pattern(element, shape, settings, random) if given is None else np.asarray(given[name])
+            tensor = torch.from_numpy(np.array(drive, np.complex64 if np.iscomplexobj(drive) else np.float32))
+            self._variables[name] = torch.view_as_real(tensor).clone() if tensor.is_complex() else tensor
+            is_phase = isinstance(element, PhaseModulator)
+            step = settings.step_rad * middle_m / (2 * math.pi * element.stroke_m) if is_phase else _AMPLITUDE_STEP
+            self._steps[name] = step
+        self._adams = {name: Adam(v, settings.betas) for name, v in self._variables.items()}
+
+    def shown(self) -> dict[str, Tensor]:
+        """The patterns, which require gradients."""
+        drives = {}
+        for name, variable in self._variables.items():
+            variable.requires_grad_()
+            is_complex = isinstance(self._elements[name], ComplexModulator)
+            drives[name] = torch.view_as_complex(variable) if is_complex else variable
+        return drives
+
+    def step(self, loss: Tensor, decay: float) -> None:
+        """Moves all patterns against the gradient of a loss, inside their ranges."""
+        names = list(self._variables)
+        gradients = torch.autograd.grad(loss, [self._variables[name] for name in names])
+        for name, gradient in zip(names, gradients, strict=True):
+            moved = self._variables[name].detach() - decay * self._steps[name] * self._adams[name].unit_step(gradient)
+            if isinstance(self._elements[name], ComplexModulator):
+                size = torch.linalg.vector_norm(moved, dim=-1, keepdim=True)
+                self._variables[name] = moved / size.clamp_min(1.0)
+            else:
+                self._variables[name] = moved.clamp(0.0, 1.0)
+
+
+def _first_pattern(
+    element: Element, shape: tuple[int, int, int], settings: Settings, random: np.random.Generator
+) -> NDArray[Any]:
+    """Patterns to begin with: phases as `Settings.begin` says; amplitudes near 1, or random where there are levels."""
+    noise = random.random(shape)
+    if isinstance(element, AmplitudeModulator):
+        return noise if element.levels is not None else 0.9 + 0.1 * noise
+    if settings.begin == "smooth":
+        smooth = ndimage.gaussian_filter(noise - 0.5, (0, _SMOOTH_PX, _SMOOTH_PX), mode="wrap")
+        noise = np.clip(0.5 + smooth * (_SMOOTH_SHARE / smooth.std()), 0, 1)
+    return np.exp(2j * np.pi * noise) * 0.9 if isinstance(element, ComplexModulator) else noise

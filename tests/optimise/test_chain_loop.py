@@ -1,0 +1,127 @@
+"""The optimiser of chains: derivatives of every kind of element, and what it tells beside the PSNR."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import holoview as hv
+from holoview.holograms.optimise.chain_loop import ChainProblem
+from holoview.holograms.view import random_drive
+from holoview.light.model.system import System
+
+UM, MM, NM = 1e-6, 1e-3, 1e-9
+SHAPE = (16, 20)
+
+
+def _pixels(kind: str, **keys: Any) -> dict[str, Any]:
+    return {"kind": kind, "pitch": 8 * UM, "shape": SHAPE} | keys
+
+
+def _chain(*elements: dict[str, Any], frames: int = 1) -> System:
+    lasers = [[1.0, 0.7]] * frames
+    return System([532 * NM, 580 * NM], lasers, elements=elements, planes_m=[2 * MM, 3 * MM], observer="eye")
+
+
+_STACK = np.random.default_rng(5).random((2, 32, 40, 3)).astype(np.float32)
+_SPACE = {"kind": "space", "distance": 1 * MM, "square": "first order"}
+_CHAINS = {
+    "phase and amplitude": (
+        _pixels("phase", stroke=800 * NM),
+        _SPACE,
+        _pixels("amplitude", pitch=16 * UM, shape=(8, 10)),
+    ),
+    "complex, and a phase that all frames share": (
+        _pixels("complex", stroke=600 * NM),
+        _SPACE,
+        _pixels("phase", stroke=700 * NM, shared=True),
+    ),
+    "behind a lens": (
+        {"kind": "lens", "focal_length": 20 * MM},
+        _pixels("amplitude"),
+        {"kind": "mask", "pitch": 8 * UM, "shape": SHAPE, "pattern": "random", "stroke": 500 * NM},
+        _pixels("complex"),
+    ),
+    "in a Fourier plane": (
+        _pixels("phase", stroke=800 * NM),
+        {"kind": "fourier", "focal_length": 1.5 * MM},
+        _pixels("amplitude"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", _CHAINS)
+def test_the_derivative_is_that_of_the_loss(name: str) -> None:
+    system = _chain(*_CHAINS[name], frames=2)
+    problem = ChainProblem(system, _STACK, hv.Settings(eyebox=0.01), double=True)
+    random = np.random.default_rng(1)
+    drives, ways = dict[str, torch.Tensor](), dict[str, torch.Tensor]()
+    for key, drive in random_drive(system, seed=2).items():
+        is_complex = np.iscomplexobj(drive)
+        drives[key] = torch.from_numpy(0.8 * drive.astype(complex if is_complex else float)).requires_grad_()
+        way = random.normal(size=drive.shape)
+        ways[key] = torch.from_numpy(way + 1j * random.normal(size=drive.shape) if is_complex else way)
+
+    def loss(step: float) -> torch.Tensor:
+        moved = {key: drive + step * ways[key] for key, drive in drives.items()}
+        return problem.loss(problem.evaluate(moved, system.amplitudes), system.amplitudes)[0]
+
+    gradients = torch.autograd.grad(loss(0.0), list(drives.values()))
+    along = sum(
+        float((gradient.conj() * ways[key]).real.sum()) for key, gradient in zip(drives, gradients, strict=True)
+    )
+    h = 1e-4  # of order four: its error is that of h⁴ times the fifth derivative, its rounding 1e-16/h
+    measured = (8 * (loss(h) - loss(-h)) - (loss(2 * h) - loss(-2 * h))).detach() / (12 * h)
+    assert along == pytest.approx(float(measured), rel=1e-7)
+
+
+def test_what_it_finds_is_what_a_simulation_shows() -> None:
+    system = _chain(*_CHAINS["phase and amplitude"])
+    states = list(hv.iterate(system, _STACK, hv.Settings(iterations=15)))
+    view = hv.simulate(states[-1].best, backend="torch64")
+    error = (np.clip(view.rgb, 0, 1) - np.clip(_STACK, 0, 1)) ** 2
+    assert states[-1].best_psnr_db == pytest.approx(
+        float(np.mean(-10 * np.log10(error.mean(axis=(1, 2, 3))))), abs=1e-3
+    )
+    assert states[-1].psnr_db > states[0].psnr_db
+
+
+def test_the_light_that_passes_is_told() -> None:
+    dark = _pixels("amplitude", levels=[0.0, 1.0])
+    system = _chain(_pixels("amplitude", name="first"), dark | {"name": "second"})
+    half = np.zeros((1, *SHAPE), np.float32)
+    half[:, :8] = 1.0
+    start = {"first": np.full((1, *SHAPE), 0.5, np.float32), "second": half}
+    periodic = system.with_(propagation="periodic")
+    first = next(iter(hv.iterate(periodic, _STACK, hv.Settings(iterations=1, free=("amplitudes",)), start=start)))
+    assert first.light == pytest.approx(0.5**2 / 2, rel=1e-5)  # a quarter of the light of half the field
+
+
+def test_masks_that_frames_share_have_one_pattern() -> None:
+    system = _chain(*_CHAINS["complex, and a phase that all frames share"], frames=3)
+    *_, last = hv.iterate(system, _STACK, hv.Settings(iterations=2))
+    assert {name: drive.shape[0] for name, drive in last.best.drive.items()} == {"complex": 3, "phase": 1}
+
+
+def test_amplitudes_stay_in_their_range_and_levels_are_shown() -> None:
+    system = _chain(_pixels("amplitude", levels=2, name="binary"), _pixels("complex"))
+    *_, last = hv.iterate(system, _STACK, hv.Settings(iterations=5, step_rad=3.0))
+    drive = last.best.drive
+    assert drive["binary"].min() >= 0 and drive["binary"].max() <= 1
+    assert np.abs(drive["complex"]).max() <= 1 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"free": ("patterns", "wavelengths")}, "free wavelengths"),
+        ({"loss": "ms-ssim"}, "the loss ms-ssim"),
+        ({"drawn_planes": 1}, "some planes at a time"),
+    ],
+)
+def test_what_is_not_known_of_chains_is_refused(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(hv.UserError, match=words):
+        next(iter(hv.iterate(_chain(_pixels("amplitude")), _STACK, hv.Settings(**settings))))
