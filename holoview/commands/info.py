@@ -18,7 +18,7 @@ from holoview.commands.hologram_files import NAMES_HELP, Shown, add_field_option
 from holoview.commands.output_files import add_input, add_output, check_files
 from holoview.holograms.optimise.memory import peak_bytes
 from holoview.holograms.view import simulate
-from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
+from holoview.light.engine.light_budget import PLACES, LightBudget, light_behind_elements, light_budget
 from holoview.light.model import preset
 from holoview.light.model.bench_drawing import draw_bench
 from holoview.light.model.derived_numbers import info_rows
@@ -63,7 +63,10 @@ def run(args: argparse.Namespace) -> int:
         print(preset.dumps(system), end="")
         return 0
     light, went = _light(shown), _budget(shown)
-    rows = info_rows(system, None if system.is_field else peak_bytes(system), light)
+    passed = (
+        light_behind_elements(make_plan(system), shown.drive) if system.is_chain and shown.drive is not None else {}
+    )
+    rows = info_rows(system, None if system.is_field or system.is_chain else peak_bytes(system), light)
     if args.json:
         table: dict[str, Any] = {}
         if shown.read:
@@ -71,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
             table = {"read": shown.read, "light_in_picture": share}
         if went is not None:
             table["light_budget"] = went.as_json()
+        if passed:
+            table["light_behind"] = {name: round(share, 9) for name, share in passed.items()}
         for row in rows:
             table.setdefault(row.heading, {})[row.name] = row.text
         print_json(table)
@@ -84,6 +89,10 @@ def run(args: argparse.Namespace) -> int:
         print(f"\n{heading}")
         for row in group:
             print(f"  {row.name:<32}  {row.text}")
+    if passed:
+        print("\nlight that is left behind each element")
+        for name, share in passed.items():
+            print(f"  {name:<46}  {share:.2%}")
     if went is not None:
         print("\nwhere the light went (middle plane)")
         for words, share in zip(PLACES.values(), went.total.tolist(), strict=True):
@@ -94,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _budget(shown: Shown) -> LightBudget | None:
     """Where the light of a hologram goes at its middle plane; None of a preset, without light, or where it is large."""
-    if shown.drive is None or shown.drive.size > _MOST_SUMMED:
+    if shown.drive is None or shown.system.is_chain or shown.drive.size > _MOST_SUMMED:
         return None
     planes_m = focused_planes(shown.system)
     went = light_budget(make_plan(shown.system, planes_m[len(planes_m) // 2 :][:1]), shown.drive)

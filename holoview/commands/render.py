@@ -269,7 +269,10 @@ def _light_budgets(
     system: System, drive: NDArray[np.float32], planes_m: NDArray[np.float64]
 ) -> list[dict[str, float] | None]:
     """Where the light of each plane went; None without light and where following it would take long."""
-    if drive.size * len(planes_m) * (1 if system.is_field else len(system.wavelengths_m)) > _MOST_FOLLOWED:
+    if (
+        system.is_chain
+        or drive.size * len(planes_m) * (1 if system.is_field else len(system.wavelengths_m)) > _MOST_FOLLOWED
+    ):
         return [None] * len(planes_m)
     plan = make_plan(system, planes_m)
     budgets = [light_budget(plan, drive, plane) for plane in range(len(planes_m))]

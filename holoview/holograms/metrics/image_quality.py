@@ -42,7 +42,7 @@ from holoview.light.numerics.sample_bits import find_clipping
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.light.numerics.structural_similarity import scale_count
 from holoview.light.optics.frame_inputs import FrameInputs
-from holoview.light.optics.slm import EYEBOX_BLOCKS, first_order
+from holoview.light.optics.slm import EYEBOX_BLOCKS, eyebox_order
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
@@ -183,7 +183,9 @@ def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
     plan = make_plan(system, system.planes_m[:1])
     executor = TorchExecutor(plan, FrameInputs(plan, hologram.drive))
     power = np.zeros(plan.grid.padded)
-    band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
+    band = np.ix_(
+        *(k % padded for k, padded in zip(executor.frequencies(plan.way.last), plan.grid.padded, strict=True))
+    )
     for wavelength in range(len(plan.system.wavelengths_m)):
         stop = executor.stops(wavelength).abs().square().numpy()
         for frame in plan.lit(wavelength):
@@ -191,7 +193,7 @@ def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
             for source in range(len(plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
                 power[band] += weight * stop * spectrum.values.abs().square().numpy()
-    order = first_order(plan.grid)
+    order = eyebox_order(plan)
     return eyebox_uniformity(power[np.ix_(*order.bins)], EYEBOX_BLOCKS, np.outer(*order.envelopes))
 
 

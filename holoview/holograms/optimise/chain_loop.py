@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from functools import cache
 from typing import Any, NoReturn
 
@@ -34,7 +33,7 @@ from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
 from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.frame_inputs import FrameInputs
-from holoview.light.optics.slm import FirstOrder, first_order
+from holoview.light.optics.slm import eyebox_order
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 
@@ -196,7 +195,7 @@ class ChainProblem:
         return float(weights @ share / max(weights.sum(), 1e-300))
 
     def eyebox_variation(self, found: ChainLight, amplitudes: Floats) -> float:
-        """Coefficient of variation of the light over 8 × 8 blocks of the last element's first order, by luminance."""
+        """Coefficient of variation of the light over 8 × 8 blocks of the finest pixels' first order, by luminance."""
         luminance = torch.as_tensor(self.plan.colour_weights[:, 1].copy()).to(found.spectra)
         weights = torch.as_tensor(self._weights(amplitudes)).to(found.spectra)
         weights = weights * torch.stack([luminance[λ] for _, λ in self._lasers])
@@ -229,8 +228,8 @@ class ChainProblem:
         return torch.stack([_variation(self._blocks(power)) for power in by_wavelength.values()])
 
     def _blocks(self, power: Tensor) -> Tensor:
-        """Means (block, block) over the last first order of powers in the band of the last relay."""
-        order = self._order()
+        """Means (block, block) over the eyebox of powers in the band of the last relay."""
+        order = eyebox_order(self.plan)
         matrices = []
         for axis, frequencies in enumerate(self._executor.frequencies(self.plan.way.last)):
             padded = self.plan.grid.padded[axis]
@@ -242,10 +241,6 @@ class ChainProblem:
             matrix[:, chosen[lit]] = torch.from_numpy(order.block_matrix(axis)[:, lit]).to(power.dtype)
             matrices.append(matrix.to(power.device))
         return matrices[0] @ power @ matrices[1].T
-
-    def _order(self) -> FirstOrder:
-        size = round(self.plan.order_m(self.plan.way.last) / self.plan.grid.pitch_m)
-        return first_order(replace(self.plan.grid, upsample=size))
 
 
 class ChainLight:

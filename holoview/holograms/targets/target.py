@@ -192,11 +192,11 @@ def _check_inside(at_m: float, first: float, last: float, what: str) -> None:
 
 
 def _blur_cone(system: System) -> LightCone:
-    """An image point's light cone: the modulator's first order, or a smaller stop."""
-    middle_m, pitch_m = float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m
-    angle, relay = diffraction_half_angle(middle_m, pitch_m), system.relay2
+    """An image point's light cone: the first order of the finest pixels, or a smaller stop."""
+    middle_m, way = float(np.median(system.wavelengths_m)), system.way
+    angle, relay = diffraction_half_angle(middle_m, way.finest_m), way.relays[way.last]
     if relay.square is not None:
-        angle = min(angle, math.asin(relay.square.half_side_sine(middle_m, pitch_m)))
+        angle = min(angle, math.asin(relay.square.half_side_sine(middle_m, way.orders_m[way.last])))
     if relay.iris_na is not None and relay.iris_na < math.sin(angle):
         return LightCone(math.tan(math.asin(relay.iris_na)), "disc")
     return LightCone(math.tan(angle))

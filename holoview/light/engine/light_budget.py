@@ -17,8 +17,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.light.engine.frame import relay_behind
+from holoview.light.engine.frame import SPECTRUM, light_along, relay_behind
 from holoview.light.engine.torch_executor import TorchExecutor, TorchField, spectrum_power
+from holoview.light.model.chain import needs_short_form
 from holoview.light.model.plan import Plan
 from holoview.light.optics.frame_inputs import FrameInputs
 
@@ -55,8 +56,11 @@ class LightBudget:
 def light_budget(plan: Plan, drive: Any, plane: int = 0) -> LightBudget:
     """Where the light of a bench went that shows a plane of a plan.
 
-    drive: as of `simulate`. It takes the transforms of a frame, in PyTorch.
+    drive: as of `simulate`. It takes the transforms of a frame, in PyTorch. Raises UserError for a chain of elements
+    (`light_behind_elements`).
     """
+    if plan.way.is_chain:
+        raise needs_short_form("where the light went")
     executor = TorchExecutor(plan, FrameInputs(plan, drive))
     powers = np.zeros((len(PLACES), len(plan.system.wavelengths_m)))
     for wavelength in range(powers.shape[1]):
@@ -70,6 +74,20 @@ def light_budget(plan: Plan, drive: Any, plane: int = 0) -> LightBudget:
         shares = powers / np.where(whole > 0, whole, np.nan)
         total = powers.sum(axis=1) / (whole.sum() if whole.sum() > 0 else np.nan)
     return LightBudget(shares, total)
+
+
+def light_behind_elements(plan: Plan, drive: Any) -> dict[str, float]:
+    """The share of the light of all lasers that is left behind each element of a chain, by its name.
+
+    drive: as of `simulate`. "before NAME" is the light that arrives at an element. In PyTorch.
+    """
+    executor, powers, whole = TorchExecutor(plan, FrameInputs(plan, drive)), dict[str, float](), 0.0
+    for beam in plan.beams(range(len(plan.lasers))):
+        whole += beam.weight * math.prod(plan.grid.shape)
+        for landmark, field in light_along(executor, beam.wavelength, beam.frame, beam.source):
+            if landmark not in ("", SPECTRUM):
+                powers[landmark] = powers.get(landmark, 0.0) + beam.weight * _power(_samples(executor, field))
+    return {name: power / whole if whole else math.nan for name, power in powers.items()}
 
 
 def _beam(executor: TorchExecutor, wavelength: int, frame: int, source: int, plane: int) -> dict[str, float]:

@@ -37,7 +37,7 @@ from holoview.util import units
 from holoview.util.errors import UserError
 
 ONLY_SHORT_FORM = "one or two phase modulators of equal pitch and shape"
-_REMEDY = "chains can be rendered, optimised and explained by `holoview info`"
+_REMEDY = "of a chain there are `holoview info`, `render` and `optimise`"
 _WHOLE = 1e-6  # of a sample: what is a whole multiple of it
 _MOST_UPSAMPLE = 16
 _MOST_ELEMENTS = 64
@@ -47,14 +47,13 @@ class NoModulators(tuple[Modulator, ...]):
     """The modulators of a chain that isn't of the short form: none; asking for one raises UserError that says so."""
 
     def __getitem__(self, index: Any) -> NoReturn:
-        raise needs_short_form("this")
+        raise needs_short_form()
 
 
-def needs_short_form(what: str) -> UserError:
-    """The error of something that knows only benches of the short form."""
-    return UserError(
-        "elements", f"{what} of a chain of elements isn't known yet", expected=ONLY_SHORT_FORM, remedy=_REMEDY
-    )
+def needs_short_form(what: str = "") -> UserError:
+    """The error of something, in words, that knows only benches of the short form."""
+    found = f"{what}, of a chain of elements" if what else "a chain of elements, which isn't known here yet"
+    return UserError("elements", found, expected=ONLY_SHORT_FORM, remedy=_REMEDY)
 
 
 # --- the short form ---------------------------------------------------------------------------------------------------
@@ -142,6 +141,7 @@ class Way:
     pitch whose first order their stops name. last: the relay to the planes.
     transmissions: of a chain, what `Modulate` names; empty for the short form, whose modulators it names.
     kernels: Fourier elements by the relays that are their kernels.
+    finest_m: the pitch of the finest pixels, whose first order is the eyebox.
     sample_m, shape: of the field: its pitch, and its samples (y, x). behind_m: from where planes are measured to the
     last element.
     """
@@ -151,6 +151,7 @@ class Way:
     distances_m: tuple[float, ...]
     orders_m: tuple[float, ...]
     last: int
+    finest_m: float
     sample_m: float
     shape: tuple[int, int]
     upsample: int
@@ -180,6 +181,7 @@ def short_way(short: ShortForm, sampling: Sampling) -> Way:
         distances_m=(short.gap_m or 0.0, 0.0),
         orders_m=(first.pitch_m, first.pitch_m),
         last=1,
+        finest_m=first.pitch_m,
         sample_m=first.pitch_m / u,
         shape=(first.shape[0] * u, first.shape[1] * u),
         upsample=u,
@@ -375,6 +377,7 @@ class _Walk:
             distances_m=tuple(distances),
             orders_m=tuple(orders),
             last=len(relays) - 1,
+            finest_m=min(e.pitch_m for e in joined if isinstance(e, Pixels)),
             sample_m=self.sample_m,
             shape=self.shape,
             upsample=1,

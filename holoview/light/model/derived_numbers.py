@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview.light.model.bench_parts import Relay
+from holoview.light.model.chain_numbers import element_lines, etendue_mm2sr, reach_m
 from holoview.light.model.effects.registry import ActiveEffects
 from holoview.light.model.eye import field_degrees, sample_degrees
 from holoview.light.model.passband import band_limit
@@ -35,14 +36,45 @@ def info_rows(system: System, optimiser_bytes: int | None = None, light: Light |
     """
     plan = make_plan(system)
     return [
-        *_bench(system),
-        *_diffraction(system),
+        *(_chain(system) if system.is_chain else _bench(system)),
+        *(_chain_diffraction(plan) if system.is_chain else _diffraction(system)),
         *_cut_offs(plan),
         *_sampling(plan),
         *_eye(plan),
         *_limits(plan, light),
         *_memory(plan, optimiser_bytes),
         *_effects(system),
+    ]
+
+
+def _chain(system: System) -> list[InfoRow]:
+    """The lasers of a chain, its elements in the order of the light, and its planes."""
+    nm = [f"{λ * 1e9:.4g}" for λ in system.wavelengths_m]
+    planes = ", ".join(f"{z * 1e3:.4g}" for z in system.planes_m)
+    height_m, width_m = system.field_m
+    return [
+        InfoRow("bench", "wavelengths", f"{len(nm)}: {', '.join(nm)} nm"),
+        InfoRow("bench", "frames", str(system.frames)),
+        InfoRow("bench", "source directions", str(len(system.source.directions_rad))),
+        InfoRow("bench", "field", f"{width_m * 1e3:.4g} x {height_m * 1e3:.4g} mm"),
+        InfoRow(
+            "bench", "focal planes", f"{planes} mm" + (f" from {system.planes_from}" if system.planes_from else "")
+        ),
+        InfoRow("bench", "observer", system.observer),
+        *(InfoRow("elements, in the order of the light", name, text) for name, text in element_lines(system)),
+    ]
+
+
+def _chain_diffraction(plan: Plan) -> list[InfoRow]:
+    """The étendue of a chain, and how far its light moves sideways on the way to the planes."""
+    system, last_m = plan.system, plan.order_m(plan.way.last)
+    low, high = etendue_mm2sr(system)
+    side_m, field_m = reach_m(system, float(plan.planes_m.max()), plan.way.finest_m), min(system.field_m)
+    text = f"{units.format_rounded(side_m, 'um')}, {side_m / last_m:.3g} of the last pixels"
+    narrow = f"; twice that is more than the field of {units.format_rounded(field_m, 'mm')}"
+    return [
+        InfoRow("diffraction", "étendue", _span(f"{low:.3g}", f"{high:.3g}") + " mm² sr (pixels × λ²)"),
+        InfoRow("diffraction", "sideways to the last plane", text + (narrow if 2 * side_m > field_m else "")),
     ]
 
 
@@ -73,8 +105,8 @@ def _eye(plan: Plan) -> list[InfoRow]:
     system, eye, λ = plan.nominal, plan.nominal.eye, plan.system.wavelengths_m
     if eye is None:
         return []
-    modulator, f = system.modulators[0], eye.eyepiece_m
-    eyebox = [f * λ_m / modulator.pitch_m * 1e3 for λ_m in (λ.min(), λ.max())]
+    pitch_m, f = plan.order_m(plan.way.last), eye.eyepiece_m
+    eyebox = [f * λ_m / pitch_m * 1e3 for λ_m in (λ.min(), λ.max())]
     degrees = sample_degrees(plan.grid.pitch_m, f)
     field = [field_degrees(side, f) for side in system.field_m]
     spread_m = float(np.ptp(plan.focus_shift_m))
@@ -132,11 +164,12 @@ def _span(low: str, high: str) -> str:
 def _cut_offs(plan: Plan) -> list[InfoRow]:
     system, dx = plan.system, plan.grid.pitch_m
     out = [
-        InfoRow("cut-offs", "modulator", f"{0.5e-3 / system.modulators[0].pitch_m:.4g} cycles/mm"),
+        InfoRow("cut-offs", "modulator", f"{0.5e-3 / plan.way.orders_m[-1]:.4g} cycles/mm"),
         InfoRow("cut-offs", "simulation grid", f"{0.5e-3 / dx:.4g} cycles/mm"),
     ]
-    for name, relay in (("relay 1", system.relay1), ("relay 2", system.relay2)):
-        out += _stops(name, relay, system)
+    for number, relay in enumerate(plan.relays):
+        name = f"relay {number + 1}" if relay.is_clear or not plan.way.is_chain else f"space {number + 1}"
+        out += _stops(name, relay, system, plan.order_m(number))
     longest, farthest = float(system.wavelengths_m.max()), float(np.abs(plan.planes_m).max())
     limit = min(band_limit(p, dx, longest, farthest) for p in plan.grid.padded)
     text = f"{limit * 1e-3:.4g} cycles/mm"
@@ -147,17 +180,16 @@ def _cut_offs(plan: Plan) -> list[InfoRow]:
     return [*out, InfoRow("cut-offs", "band limit at the farthest plane", text)]
 
 
-def _stops(name: str, relay: Relay, system: System) -> list[InfoRow]:
+def _stops(name: str, relay: Relay, system: System, pitch_m: float) -> list[InfoRow]:
     """The frequencies that a relay's stops pass at each wavelength."""
     rows = []
     if relay.iris_na is not None:
         sines = [relay.iris_na] * len(system.wavelengths_m)
-        text = f"radius {_by_wavelength(sines, system)} (NA {relay.iris_na:g})"
+        text = f"radius {_by_wavelength(sines, system, pitch_m)} (NA {relay.iris_na:g})"
         rows.append(InfoRow("cut-offs", f"iris of {name}", text))
     if relay.square is not None:
-        pitch_m = system.modulators[0].pitch_m
         sines = [relay.square.half_side_sine(float(λ), pitch_m) for λ in system.wavelengths_m]
-        text = f"half side {_by_wavelength(sines, system)} ({relay.square})"
+        text = f"half side {_by_wavelength(sines, system, pitch_m)} ({relay.square})"
         rows.append(InfoRow("cut-offs", f"square stop of {name}", text))
     if any(relay.centre_na):
         y, x = relay.centre_na
@@ -167,12 +199,12 @@ def _stops(name: str, relay: Relay, system: System) -> list[InfoRow]:
     return rows
 
 
-def _by_wavelength(sines: list[float], system: System) -> str:
-    """Direction sines of all wavelengths as frequencies, and as multiples of the modulators' first order."""
+def _by_wavelength(sines: list[float], system: System, pitch_m: float) -> str:
+    """Direction sines of all wavelengths as frequencies, and as multiples of the first order of a pitch."""
     cycles = np.array(sines) / system.wavelengths_m
     if np.allclose(cycles, cycles[0], rtol=1e-9):
         cycles = cycles[:1]
-    orders = cycles * 2 * system.modulators[0].pitch_m
+    orders = cycles * 2 * pitch_m
     frequencies, multiples = (", ".join(f"{x:.4g}" for x in row) for row in (cycles * 1e-3, orders))
     return f"{frequencies} cycles/mm = {multiples} first orders"
 

@@ -393,7 +393,7 @@ class System(Description):
         (1, 2, 48, 64)
         """
         if self.is_chain:
-            raise needs_short_form("this")
+            raise needs_short_form()
         count = len(self.wavelengths_m) if self.is_field else len(self.modulators)
         return (self.frames, count, *self.modulators[0].shape)
 

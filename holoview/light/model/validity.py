@@ -163,11 +163,6 @@ def _key(plan: Plan, relay: int) -> str:
     return "elements" if plan.way.is_chain else f"relay{relay + 1}"
 
 
-def finest_pitch_m(plan: Plan) -> float:
-    """The pitch of the finest pixels of a bench."""
-    return min(plan.way.orders_m)
-
-
 def first_order_sine(plan: Plan, relay: int, wavelength_m: float) -> float:
     """The largest direction sine along an axis that a relay passes of the first order, λ/(2p) or less."""
     pitch_m = plan.order_m(relay)
@@ -316,7 +311,7 @@ def envelope_excess(upsample: int, cycles: float) -> float:
 def _envelope(plan: Plan) -> Measured | None:
     if plan.system.is_field:  # a field is known at points and has no pixels
         return None
-    pitch_m = finest_pitch_m(plan)
+    pitch_m = plan.way.finest_m
     upsample = round(pitch_m / plan.grid.pitch_m)
     relays = [number for _, number, _ in paths(plan)]
     cycles = max(
@@ -435,7 +430,7 @@ PIXEL_WAVELENGTHS = 1 / (math.sqrt(2) * math.sqrt(1 - _COSINE**2))
     at_least=PIXEL_WAVELENGTHS,
 )
 def _pixel_wavelengths(plan: Plan) -> Measured:
-    pitch_m, λ = finest_pitch_m(plan), float(lit_wavelengths(plan).max())
+    pitch_m, λ = plan.way.finest_m, float(lit_wavelengths(plan).max())
     return Measured(
         pitch_m / λ,
         f"pixels of {units.format_rounded(pitch_m, 'um')} are {pitch_m / λ:.2g} wavelengths at "
@@ -467,7 +462,7 @@ def evanescent_share(half_side: float) -> float:
 )
 def _evanescent(plan: Plan) -> Measured:
     λ = float(lit_wavelengths(plan).max())
-    share = evanescent_share(λ / (2 * finest_pitch_m(plan)))
+    share = evanescent_share(λ / (2 * plan.way.finest_m))
     return Measured(
         share,
         f"{share:.0%} of the first order is evanescent at {units.format_rounded(λ, 'nm')}: this detail of the patterns "
@@ -590,7 +585,7 @@ def _worst_share(plan: Plan, orders: float) -> tuple[float, float] | None:
     eyes = dict.fromkeys(plane.eye for plane in plan.planes if plane.eye is not None)
     if not eyes:
         return None
-    pitch_m, field_m = plan.order_m(plan.way.last), plan.nominal.field_m
+    pitch_m, field_m = plan.way.finest_m, plan.nominal.field_m
     return min(
         (pupil_share(eye, eye.pupil_na(field_m), orders * λ / (2 * pitch_m)), λ)
         for eye in eyes
@@ -625,7 +620,7 @@ def _in_eyebox(plan: Plan) -> Measured | None:
     at_least=1.0,
 )
 def _in_samples(plan: Plan) -> Measured | None:
-    worst = _worst_share(plan, plan.order_m(plan.way.last) / plan.grid.pitch_m)
+    worst = _worst_share(plan, plan.way.finest_m / plan.grid.pitch_m)
     if worst is None:
         return None
     share, λ = worst

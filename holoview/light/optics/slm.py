@@ -11,7 +11,7 @@ Whatever the pattern, a pixel of u samples sends power in proportion to (sin(πu
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Protocol
 
@@ -20,7 +20,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.light.model.bench_parts import Modulator
-from holoview.light.model.plan import Grid
+from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.sampling import frequency_indices
 from holoview.light.numerics.sampling import pixel_spectrum as spectrum_of_pixel
 
@@ -130,6 +130,11 @@ class FirstOrder:
         for block, (start, stop) in enumerate(pairwise(edges)):
             matrix[block, start:stop] = 1.0 / (stop - start)
         return matrix / self.envelopes[axis]
+
+
+def eyebox_order(plan: Plan) -> FirstOrder:
+    """The first order of the finest pixels of a bench, which is its eyebox."""
+    return first_order(replace(plan.grid, upsample=round(plan.way.finest_m / plan.grid.pitch_m)))
 
 
 def first_order(grid: Grid) -> FirstOrder:
