@@ -35,11 +35,13 @@ from holoview.holograms.files.pictures import (
     memory_cells,
     pattern_pixels,
     write_bmp,
+    write_pattern,
     write_png,
 )
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.view import as_field, save, simulate
 from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.drives import complex_names
 from holoview.light.model.focus import parse_plane
 from holoview.light.optics.slm import level_numbers
 from holoview.util.errors import UserError
@@ -124,6 +126,8 @@ def run(args: argparse.Namespace) -> int:
     if hologram.system.is_field:
         flag, remedy = "--png" if args.bmp is None else "--bmp", "--html or --field writes a field"
         raise UserError(flag, "a field", expected="patterns of modulators", remedy=remedy)
+    if hologram.system.is_chain:
+        return _export_elements(args, hologram)
     return _export_patterns(args, hologram)
 
 
@@ -212,6 +216,26 @@ def _write_pattern(
         write_png(path, pixels, {"holoview.pattern": said, "holoview.preset": name})
     print(path)
     return PatternFile(path.name, modulator, frame, pixels.shape, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def _export_elements(args: argparse.Namespace, hologram: Hologram) -> int:
+    """Writes NAME.png of each element of a chain, or NAME-frame0.png … with several frames, and prints their paths."""
+    flag = "--levels" if args.levels else "--cells" if args.cells else None
+    if flag:
+        raise UserError(flag, "of a chain of elements", expected="patterns 0…1", remedy="leave it out")
+    if shown := sorted(complex_names(hologram.system)):
+        raise UserError(
+            "--png", f'complex patterns, of "{shown[0]}"', expected="--light, or the hologram's file itself"
+        )
+    if args.bmp is not None:
+        raise UserError("--bmp", "of a chain of elements", expected="--png", remedy="use --png")
+    make_folder(args.png)
+    for name, drive in hologram.drive.items():
+        for frame, pattern in enumerate(drive):
+            path = args.png / (f"{name}.png" if len(drive) == 1 else f"{name}-frame{frame}.png")
+            write_pattern(path, pattern, args.bits, {"holoview.preset": hologram.system.name, "holoview.element": name})
+            print(path)
+    return 0
 
 
 def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:

@@ -659,6 +659,8 @@ def _print_result(
     if args.json:
         table = {"preset": system.name, "file": str(output), "iterations": state.iteration}
         table |= {"seconds": round(state.seconds, 2), "loss": state.loss, "wavelengths_nm": wavelengths}
+        if system.is_chain:
+            table["light_that_passes"] = state.light
         print_json(table | scores)
         return
     print(f"{output}: {state.iteration} iterations in {state.seconds:.1f} s")
@@ -666,6 +668,8 @@ def _print_result(
         print(f"wavelengths {', '.join(f'{λ:.1f}' for λ in wavelengths)} nm")
     for line in [*_format_scores(scores, system), *_format_place_scores(scores)]:
         print(line)
+    if system.is_chain:
+        print(f"light of the lasers that is in the picture: {state.light:.1%}")
     print(f"look at it: holoview render --hologram {output} -o seen.png")
 
 

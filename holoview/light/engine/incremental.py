@@ -107,6 +107,7 @@ class IncrementalRenderer:
         max_wavelengths: int | None = None,
         strategy: StrategyOption = "auto",
     ) -> None:
+        system.require_short_form("incremental rendering")
         self.device = device
         self._budget_bytes, self._max_wavelengths, self._half = budget_bytes, max_wavelengths, half
         self._drive, self._generation = drive, 0

@@ -410,7 +410,7 @@ class _Walk:
     def _check(self, element: Element, name: str, pitch_m: float) -> None:
         """Raises UserError for a mask that can't be read, and for a lens that the samples can't hold."""
         try:
-            if isinstance(element, Mask):
+            if isinstance(element, Mask) and element.file:
                 mask_values(element)
             elif isinstance(element, Lens | Fourier):
                 self._check_focal_length(element, pitch_m)

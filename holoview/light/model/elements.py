@@ -12,6 +12,7 @@ numbers follow). Modulators and masks have square pixels on the simulation's sam
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -43,6 +44,7 @@ from holoview.util.errors import UserError, suggest_matches
 _FOCAL_LENGTH = Number("mm", low=1e-5, high=1e3)
 _PLACE = Several(Number("um", low=-0.1, high=0.1), 2, 'two lengths (y, x) such as ["0 um", "8 um"]')
 _LONGEST_NAME = 40
+_NAME = re.compile(r"[^\W\d_][\w -]*(?<! )")  # fit for a file's name
 
 
 @dataclass(frozen=True)
@@ -50,11 +52,12 @@ class NameField:
     """Field type of an element's name, by which drives and edits know it; "" for one that is made from its kind."""
 
     def parse(self, value: Any, where: str) -> str:
-        is_text = isinstance(value, str) and value.isprintable() and value == value.strip()
-        if not is_text or len(value) > _LONGEST_NAME or "." in value or value.isdigit():
-            expected = f"up to {_LONGEST_NAME} characters, without dots, and not a number alone"
+        if value == "":
+            return ""
+        if not isinstance(value, str) or len(value) > _LONGEST_NAME or not _NAME.fullmatch(value):
+            expected = f"up to {_LONGEST_NAME} letters, digits, spaces, - and _, a letter first"
             raise UserError(where, f"{value!r}"[:_LONGEST_NAME], expected=expected)
-        return str(value)
+        return value
 
     def to_toml(self, value: str) -> str:
         return value

@@ -43,7 +43,7 @@ def mask_values(mask: Mask) -> MaskValues:
     return _of_file(mask, str(file), file.stat().st_mtime_ns)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)
 def _of_file(mask: Mask, file: str, changed_ns: int) -> MaskValues:
     """The values in a file; its time of change is an argument so that a changed file is read again."""
     values = _read(Path(file))

@@ -315,6 +315,15 @@ class System(Description):
         """
         return isinstance(self.modulators, NoModulators)
 
+    def require_short_form(self, what: str) -> None:
+        """Raises UserError of something, in words, that doesn't take other chains than those of the short form.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").require_short_form("a page")
+        """
+        if self.is_chain:
+            raise needs_short_form(what)
+
     @cached_property
     def way(self) -> Way:
         """What light does from the source to the last element (`holoview.light.model.chain`).

@@ -43,6 +43,7 @@ class Document:
     recorded: Recorded | None = None
 
     def __post_init__(self) -> None:
+        self.system.require_short_form("the window")
         if self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:
             raise UserError(
                 "patterns", f"shape {self.drive.shape}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"

@@ -443,6 +443,7 @@ def page_document(
     name: on the page. plane_m: the nominal focal plane that it opens with. plane_range_m: the nearest and the farthest
     that it can show. Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
     """
+    hologram.system.require_short_form("a page")
     planes_m = [*focused_planes(hologram.system), max(plane_range_m, key=abs), plane_m]
     plan = make_plan(hologram.system, planes_m)
     inputs = FrameInputs(plan, hologram.drive)

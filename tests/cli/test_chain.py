@@ -1,0 +1,101 @@
+"""Chains of elements at the command line: what takes them, and one sentence from what doesn't yet."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import holoview as hv
+from holoview.holograms.view import random_drive
+from holoview.light.model import preset
+
+PRESET = """
+wavelengths = ["532 nm"]
+amplitudes = [[1]]
+planes = ["3 mm"]
+
+[[elements]]
+kind = "phase"
+pitch = "8 um"
+shape = [24, 32]
+stroke = "825 nm"
+
+[[elements]]
+kind = "space"
+distance = "1 mm"
+
+[[elements]]
+kind = "amplitude"
+pitch = "32 um"
+shape = [6, 8]
+name = "coarse"
+"""
+
+
+@pytest.fixture
+def chain(holoview: Callable[..., Any], tmp_path: Path) -> Path:
+    """A folder with a chain's preset, chain.toml, a hologram, chain.safetensors, and a picture, picture.png."""
+    (tmp_path / "chain.toml").write_text(PRESET)
+    system = preset.load(tmp_path / "chain.toml")
+    hv.Hologram(random_drive(system), system).save(tmp_path / "chain.safetensors")
+    Image.fromarray(np.full((48, 64, 3), 90, np.uint8)).save(tmp_path / "picture.png")
+    return tmp_path
+
+
+def test_a_chain_is_explained_in_the_order_of_its_light(holoview: Callable[..., Any], chain: Path) -> None:
+    told = json.loads(holoview("info", "chain.toml", "--json").out)["elements, in the order of the light"]
+    assert list(told) == ["1. phase", "2. space", "3. coarse"]
+    assert "sideways" in told["2. space"]
+    left = json.loads(holoview("info", "chain.safetensors", "--json").out)["light_behind"]
+    assert left["phase"] == pytest.approx(1.0, rel=1e-6)
+    assert left["phase"] > left["before coarse"] > left["coarse"] > 0
+
+
+def test_a_chain_is_optimised_saved_and_rendered(holoview: Callable[..., Any], chain: Path) -> None:
+    options = ("picture.png", "--iterations", 2, "-o", "found.safetensors", "--json")
+    found = json.loads(holoview("optimise", "chain.toml", *options).out)
+    assert 0 < found["light_that_passes"] < 1
+    assert {"psnr_db", "eyebox_variation"} <= found.keys()
+    for arguments in (("found.safetensors",), ("--hologram", "found.safetensors"), ("chain.toml", "--random", 3)):
+        assert holoview("render", *arguments, "-o", "seen.png", "--backend", "torch").code == 0
+    assert holoview("render", "chain.toml", "--show", "phase", "--stage", "coarse", "-o", "field.png").code == 0
+
+
+def test_patterns_are_exported_by_the_names_of_the_elements(holoview: Callable[..., Any], chain: Path) -> None:
+    assert holoview("export", "chain.safetensors", "--png", "patterns").code == 0
+    drive = hv.load_hologram(chain / "chain.safetensors").drive
+    for name in ("phase", "coarse"):
+        pixels = np.asarray(Image.open(chain / "patterns" / f"{name}.png"))
+        assert np.array_equal(pixels, np.rint(drive[name][0] * 255).astype(np.uint8))
+
+
+REFUSING = {
+    "bench": ("bench", "chain.toml", "--rounds", 1),
+    "a page": ("export", "chain.safetensors", "--html", "page.html"),
+    "a field": ("export", "chain.safetensors", "--field", "field.safetensors"),
+    "a point": ("point", "chain.toml"),
+    "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),
+    "captures": ("captures", "make", "chain.toml", "-o", "captures.h5"),
+    "a named method": ("optimise", "chain.toml", "picture.png", "--method", "gerchberg-saxton"),
+    "a report": ("report", "chain.safetensors", "-o", "report"),
+    "patterns from pictures": ("render", "chain.toml", "--slm1", "picture.png"),
+    "an effect": ("render", "chain.toml", "--effects", "gap.gap_error=0.1mm"),
+    "the short form's keys": ("info", "chain.toml", "--set", "gap=2mm"),
+    "a pitch of all": ("info", "chain.toml", "--set", "pitch=8um"),
+    "a checkpoint": ("optimise", "chain.toml", "picture.png", "--resume", "chain.safetensors"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSING)
+def test_what_takes_no_chain_yet_says_so_in_a_sentence(holoview: Callable[..., Any], chain: Path, name: str) -> None:
+    outcome = holoview(*REFUSING[name])
+    assert outcome.code == 2, outcome
+    (sentence,) = [line for line in outcome.err.splitlines() if line.startswith("holoview: ")]
+    assert "Traceback" not in outcome.err
+    assert len(sentence) > 30
