@@ -13,7 +13,8 @@ from holoview.light.model.bench_parts import Relay
 from holoview.util.errors import UserError
 
 NAMES = preset.names()
-PAPER = [name for name in NAMES if name != "bench-plm"]
+CHAINS = [name for name in NAMES if preset.load(name).is_chain]
+PAPER = [name for name in NAMES if name not in ("bench-plm", *CHAINS)]
 TWINS = [name for name in NAMES if "-1slm" in name]
 OPEN = [name for name in NAMES if name.endswith("-open")]
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,12 @@ _TABLES = ("source", "relay1", "relay2", "eye", "sampling", "effects")
 def names() -> list[str]:
     """Names of the presets that are part of holoview."""
     return sorted(path.stem for path in data_dir("presets").glob("*.toml"))
+
+
+@cache
+def short_form_names() -> tuple[str, ...]:
+    """Names of those whose bench has one or two equal phase modulators, which the window can show."""
+    return tuple(name for name in names() if not load(name).is_chain)
 
 
 def load(preset: str | os.PathLike[str]) -> System:

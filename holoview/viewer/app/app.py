@@ -466,7 +466,7 @@ def _draw_file_menu(context: AppContext, commands: Sequence[Command]) -> None:
 
 def _draw_open(context: AppContext) -> None:
     if imgui.begin_menu("Preset"):
-        for name in preset.names():
+        for name in preset.short_form_names():
             if imgui.menu_item(name, "", name == context.session.system.name)[0]:
                 context.attempt(context.loader.open, name)
         imgui.end_menu()

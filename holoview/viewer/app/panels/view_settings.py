@@ -184,7 +184,7 @@ class ViewPanel(Panel):
         if not imgui.begin_combo(key.upper(), chosen.label):
             return
         sides = [NOW, TARGET, ACHROMATIC, *(ComparisonSide("snapshot", name) for name in context.session.snapshots)]
-        for side in [*sides, *(ComparisonSide("preset", name) for name in preset.names())]:
+        for side in [*sides, *(ComparisonSide("preset", name) for name in preset.short_form_names())]:
             text = f"preset {side.label}" if side.kind == "preset" else side.label
             imgui.push_id(side.kind)  # a snapshot may be called "Target"
             if imgui.selectable(text, side == chosen)[0]:
