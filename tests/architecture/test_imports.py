@@ -21,7 +21,22 @@ CONFIGURATION = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(enco
 DESCRIPTION = (
     *(f"util.{name}" for name in ("errors", "files", "tables", "units")),
     "light.numerics.sampling",
-    *(f"light.model.{name}" for name in ("bench_parts", "fields", "plan", "preset", "scheme", "shorthand", "system")),
+    *(
+        f"light.model.{name}"
+        for name in (
+            "bench_parts",
+            "chain",
+            "drives",
+            "elements",
+            "fields",
+            "masks",
+            "plan",
+            "preset",
+            "scheme",
+            "shorthand",
+            "system",
+        )
+    ),
     *(f"light.model.effects.{name}" for name in ("effect", "registry")),
 )
 """What describes a bench: importing it loads neither torch nor WebGPU."""
@@ -42,6 +57,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.light.engine.backend", "holoview.light.engine.wgpu_executor"): OPTIONAL,
     ("holoview.light.engine.backend", "holoview.light.gpu.device"): OPTIONAL,
     ("holoview.light.optics.frame_inputs", "holoview.light.optics.bench"): SLOW,
+    ("holoview.light.optics.frame_inputs", "holoview.light.optics.chain"): SLOW,
     ("holoview.light.optics.frame_inputs", "holoview.light.optics.torch_effects"): SLOW,
     ("holoview.__main__", "holoview.commands.cli"): FIRST,
     ("holoview.__main__", "logging"): FIRST,

@@ -293,10 +293,10 @@ class ElementsField:
             raise UserError(where, f"{entry!r}"[:60], expected="a table with a kind and its keys")
         table = dict(entry)
         kind = table.pop("kind", None)
-        if kind not in KINDS:
+        if not isinstance(kind, str) or kind not in KINDS:
             found = "is missing" if kind is None else f"{kind!r}"[:60]
-            remedy = suggest_matches(kind, KINDS) if isinstance(kind, str) else ""
-            raise UserError(f"{where}.kind", found, expected=", ".join(KINDS), remedy=remedy)
+            remedy = suggest_matches(kind, KINDS) if isinstance(kind, str) else f"one of {', '.join(KINDS)}"
+            raise UserError(f"{where}.kind", found, expected="the kind of an element", remedy=remedy)
         try:
             element: Element = from_mapping(KINDS[kind], table)
         except UserError as error:

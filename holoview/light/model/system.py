@@ -316,7 +316,9 @@ class System(Description):
         return isinstance(self.modulators, NoModulators)
 
     def require_short_form(self, what: str) -> None:
-        """Raises UserError of something, in words, that doesn't take other chains than those of the short form.
+        """Raises UserError for a chain that has no short form.
+
+        what: which needs one, in words.
 
         >>> import holoview as hv
         >>> hv.load("holochrome-8").require_short_form("a page")
