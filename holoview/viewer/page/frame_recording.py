@@ -591,7 +591,7 @@ def _relay(relay: Relay) -> dict[str, Any]:
     return {
         "iris_na": relay.iris_na,
         "centre_na": list(relay.centre_na),
-        "square": None if relay.square is None else asdict(relay.square),
+        "square": None if relay.square is None else {k: v for k, v in asdict(relay.square).items() if k != "of"},
         "dc_block_na": relay.dc_block_na,
     }
 

@@ -24,7 +24,17 @@ from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import WidgetEdit, count_field, draw_fields, number_field, parameter_field
 from holoview.viewer.app.widgets import button, combo, tooltip
 
-_ELSEWHERE = ("wavelengths", "amplitudes", "name", "description", "modulators", "source", "eye")
+_ELSEWHERE = (
+    "elements",
+    "planes_from",
+    "wavelengths",
+    "amplitudes",
+    "name",
+    "description",
+    "modulators",
+    "source",
+    "eye",
+)
 _LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
 _TITLES = {
     "relay1": "Relay 1 (between the modulators)",
