@@ -63,9 +63,7 @@ def run(args: argparse.Namespace) -> int:
         print(preset.dumps(system), end="")
         return 0
     light, went = _light(shown), _budget(shown)
-    passed = (
-        light_behind_elements(make_plan(system), shown.drive) if system.is_chain and shown.drive is not None else {}
-    )
+    passed = _passed(shown)
     rows = info_rows(system, None if system.is_field or system.is_chain else peak_bytes(system), light)
     if args.json:
         table: dict[str, Any] = {}
@@ -99,6 +97,15 @@ def run(args: argparse.Namespace) -> int:
             if share > _LEAST_TOLD:
                 print(f"  {words:<46}  {share:.2%}")
     return 0
+
+
+def _passed(shown: Shown) -> dict[str, float]:
+    """The light that is left behind each element of a chain; nothing of a preset, of other benches, and of large ones."""
+    system = shown.system
+    samples = math.prod(system.way.shape) * len(system.wavelengths_m) * system.frames
+    if shown.drive is None or not system.is_chain or samples > _MOST_SUMMED:
+        return {}
+    return light_behind_elements(make_plan(system), shown.drive)
 
 
 def _budget(shown: Shown) -> LightBudget | None:

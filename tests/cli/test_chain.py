@@ -83,6 +83,8 @@ REFUSING = {
     "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),
     "captures": ("captures", "make", "chain.toml", "-o", "captures.h5"),
     "a named method": ("optimise", "chain.toml", "picture.png", "--method", "gerchberg-saxton"),
+    "the window": ("view", "chain.toml"),
+    "a study": ("study", "hologram", "chain.safetensors", "-o", "study"),
     "a report": ("report", "chain.safetensors", "-o", "report"),
     "patterns from pictures": ("render", "chain.toml", "--slm1", "picture.png"),
     "an effect": ("render", "chain.toml", "--effects", "gap.gap_error=0.1mm"),

@@ -181,6 +181,7 @@ class ForwardModel:
         rows_at_a_time: int | None = None,
         kernels: Kernels = TORCH_KERNELS,
     ) -> None:
+        plan.nominal.require_short_form("a gradient by hand")
         self.device, self.kernels = torch.device(device), kernels
         self.complex_dtype = torch.complex128 if double else torch.complex64
         self.real_dtype = torch.float64 if double else torch.float32

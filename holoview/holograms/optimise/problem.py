@@ -125,6 +125,7 @@ class Problem:
         places_m: Places | None = None,
         kernels: Kernels | None = None,
     ) -> None:
+        system.require_short_form("this optimisation")
         if system.is_field:
             raise UserError("modulators", "a field", expected="modulators, whose patterns are optimised")
         self.system, self.settings, self.group = system, settings, group

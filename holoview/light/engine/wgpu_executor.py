@@ -70,6 +70,8 @@ class WgpuExecutor:
         self._dispatches: dict[Hashable, Dispatch] = {}
         self._recorder: CommandRecorder | None = None
         self.power_behind: NDArray[np.float64] | None = None  # not measured here
+        if plan.way.is_chain:
+            _ = self._fields  # now, so that a grid beyond the device's limits is refused where another can be chosen
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""

@@ -69,6 +69,7 @@ class EditingSession:
         origin: str = "",
         wake: Callable[[], None] = lambda: None,
     ) -> None:
+        system.require_short_form("the window")
         patterns = random_drive(system, seed) if drive is None else drive
         origin = origin or ("random patterns" if drive is None else "patterns given")
         view_settings = view_settings or ViewSettings(plane_m=middle_plane(system))

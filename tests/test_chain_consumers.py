@@ -1,0 +1,80 @@
+"""What of holoview takes a chain of elements, and that all else says in a sentence that it doesn't yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import holoview as hv
+from holoview.holograms.optimise.named_methods import iterate_named
+from holoview.holograms.optimise.problem import Problem
+from holoview.holograms.optimise.solve import follow
+from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.engine.light_budget import light_budget
+from holoview.light.gpu.device import Device
+from holoview.light.model.system import System
+from holoview.viewer.document.editing_session import EditingSession
+
+_PHASE = {"kind": "phase", "pitch": 8e-6, "shape": (12, 16), "stroke": 800e-9}
+_COMPLEX = {"kind": "complex", "pitch": 16e-6, "shape": (6, 8), "name": "wide"}
+_STACK = np.full((1, 24, 32, 3), 0.3, np.float32)
+_SETTINGS = hv.Settings(iterations=1)
+
+
+def _chain() -> System:
+    return System([532e-9], [[1.0]], elements=[_PHASE, _COMPLEX], planes_m=[2e-3])
+
+
+def _hologram() -> hv.Hologram:
+    return hv.Hologram(hv.random_drive(_chain()), _chain())
+
+
+REFUSING: dict[str, Callable[[], Any]] = {
+    "a page": lambda: hv.export_html("page.html", _hologram()),
+    "the window": lambda: EditingSession(_chain()),
+    "the window with patterns": lambda: EditingSession(_chain(), _hologram().drive),
+    "the origin of light": lambda: hv.point_light(_hologram()),
+    "a field": lambda: hv.as_field(_hologram()),
+    "a film": lambda: list(follow(_chain(), [_STACK], _SETTINGS)),
+    "the optimiser's problem": lambda: Problem(_chain(), _STACK, _SETTINGS),
+    "a named method": lambda: list(iterate_named("double-phase", _chain(), _STACK, _SETTINGS)),
+    "the light budget": lambda: light_budget(hv.make_plan(_chain()), _hologram().drive),
+    "the shape of one drive": lambda: _chain().drive_shape,
+    "a modulator": lambda: _chain().modulators[-1],
+}
+
+
+@pytest.mark.parametrize("name", REFUSING)
+def test_what_takes_no_chain_says_so(name: str) -> None:
+    with pytest.raises(hv.UserError, match="one or two phase modulators") as caught:
+        REFUSING[name]()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.gpu
+def test_incremental_rendering_takes_no_chain(device: Device) -> None:
+    with pytest.raises(hv.UserError, match="incremental rendering, of a chain"):
+        IncrementalRenderer(_chain(), _hologram().drive, device)
+
+
+def test_patterns_survive_a_file(tmp_path: Path) -> None:
+    hologram = _hologram()
+    hologram.save(tmp_path / "exact.safetensors")
+    hologram.save(tmp_path / "coarse.safetensors", as_uint8=True)
+    exact, coarse = (hv.load_hologram(tmp_path / f"{name}.safetensors") for name in ("exact", "coarse"))
+    assert exact.system == coarse.system == hologram.system
+    for name, drive in hologram.drive.items():
+        assert np.array_equal(exact.drive[name], drive)
+    assert np.abs(coarse.drive["phase"] - hologram.drive["phase"]).max() <= 0.5 / 255 + 1e-7
+    assert np.array_equal(coarse.drive["wide"], hologram.drive["wide"])  # complex numbers aren't rounded
+
+
+def test_sections_pass_through_the_plane_that_a_simulation_shows() -> None:
+    hologram = _hologram()
+    found = hv.sections(hologram, planes=["1 mm", "2 mm"], at=(9, 20))
+    view = hv.simulate(hologram, planes=["2 mm"], backend="torch64")
+    assert np.allclose(found.xz[1], view.xyz[0, 9], rtol=1e-4, atol=1e-5 * view.xyz.max())
