@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _passed(shown: Shown) -> dict[str, float]:
-    """The light that is left behind each element of a chain; nothing of a preset, of other benches, and of large ones."""
+    """The light that is left behind each element of a chain; nothing of a preset, other benches, and large ones."""
     system = shown.system
     samples = math.prod(system.way.shape) * len(system.wavelengths_m) * system.frames
     if shown.drive is None or not system.is_chain or samples > _MOST_SUMMED:
