@@ -35,7 +35,7 @@ CANNOT_BE: dict[str, tuple[tuple[Any, ...], dict[str, Any], tuple[str, ...]]] = 
     "no modulator": ((MASK,), {}, ("no modulator", "phase, amplitude or complex")),
     "a space first": ((GAP, AMPLITUDE), {}, ("elements[0]: a space",)),
     "a field beside": (({"kind": "field", "pitch": 4 * UM, "shape": (48, 64)}, AMPLITUDE), {}, ("a field beside",)),
-    "no distance": ((PHASE, STOPS, AMPLITUDE), {}, ("elements[1].distance: is missing",)),
+    "no distance": ((PHASE, STOPS, AMPLITUDE), {}, ("elements.space.distance: is missing",)),
     "a last distance": (
         (AMPLITUDE, GAP),
         {},

@@ -46,7 +46,7 @@ _BYTES = 48  # a sample of a field in torch's graph: field, spectrum, their prod
 
 
 def iterate_chain(
-    system: System, stack: NDArray[np.floating], settings: Settings, start: Any = None, *, device: str = "cpu"
+    system: System, stack: Any, settings: Settings, start: Any = None, *, device: str = "cpu"
 ) -> Iterator[IterationState]:
     """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
 
@@ -298,9 +298,9 @@ class _Patterns:
             drive = _first_pattern(element, shape, settings, random) if given is None else np.asarray(given[name])
             tensor = torch.from_numpy(np.array(drive, np.complex64 if np.iscomplexobj(drive) else np.float32))
             self._variables[name] = torch.view_as_real(tensor).clone() if tensor.is_complex() else tensor
-            is_phase = isinstance(element, PhaseModulator)
-            step = settings.step_rad * middle_m / (2 * math.pi * element.stroke_m) if is_phase else _AMPLITUDE_STEP
-            self._steps[name] = step
+            self._steps[name] = _AMPLITUDE_STEP
+            if isinstance(element, PhaseModulator):
+                self._steps[name] = settings.step_rad * middle_m / (2 * math.pi * element.stroke_m)
         self._adams = {name: Adam(v, settings.betas) for name, v in self._variables.items()}
 
     def shown(self) -> dict[str, Tensor]:

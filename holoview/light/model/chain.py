@@ -223,12 +223,13 @@ def _check_order(joined: Sequence[Element], names: tuple[str, ...], elements: tu
         )
     for element in joined[:-1]:
         if isinstance(element, Space) and element.distance_m is None:
-            raise UserError(f"elements[{_place(elements, element)}].distance", "is missing", expected='e.g. "2 mm"')
+            name = _name(element, elements, names)
+            raise UserError(f"elements.{name}.distance", "is missing", expected='e.g. "2 mm"')
 
 
-def _place(elements: Sequence[Element], element: Element) -> int:
-    """The index of an element, or of the first, for one that was joined."""
-    return next((i for i, e in enumerate(elements) if e is element), 0)
+def _name(element: Element, elements: Sequence[Element], names: Sequence[str]) -> str:
+    """The name of an element among others; of one that was joined its own, or its kind."""
+    return next((n for e, n in zip(elements, names, strict=True) if e is element), element.name or element.kind)
 
 
 def _joined(elements: Sequence[Element]) -> list[Element]:
@@ -265,7 +266,7 @@ def _sample(joined: Sequence[Element], elements: Sequence[Element], names: Seque
     for element in pixels:
         if _is_whole(element.pitch_m / sample_m):
             continue
-        name = names[_place(elements, element)]
+        name = _name(element, elements, names)
         fitting = [
             u for u in range(1, _MOST_UPSAMPLE + 1) if all(_is_whole(e.pitch_m * u / first.pitch_m) for e in pixels)
         ]
@@ -306,7 +307,7 @@ def _window(
             start = (whole - n) / 2 + off
             if abs(start - round(start)) < _WHOLE and abs(width - whole) < _WHOLE:
                 continue
-            name = names[_place(elements, element)]
+            name = _name(element, elements, names)
             near_m = (off + 0.5) * sample_m if abs(2 * off - round(2 * off)) < _WHOLE else round(off) * sample_m
             raise UserError(
                 f"elements.{name}.offset",
@@ -352,12 +353,12 @@ class _Walk:
 
         pitch_m = finest_m = next(e.pitch_m for e in joined if isinstance(e, Pixels))
         for index, element in enumerate(joined):
-            name = self.names[_place(self.elements, element)]
+            name = _name(element, self.elements, self.names)
             if isinstance(element, Space):
                 order_m = self._order(element, joined[:index], pitch_m, name)
                 number = relay_over(element.relay, element.distance_m or 0.0, order_m)
                 if index < len(joined) - 1:
-                    steps.append(Travel(number, f"before {self.names[_place(self.elements, joined[index + 1])]}"))
+                    steps.append(Travel(number, f"before {_name(joined[index + 1], self.elements, self.names)}"))
                 continue
             self._check(element, name, finest_m)
             if isinstance(element, Fourier):
@@ -390,7 +391,7 @@ class _Walk:
         """The pitch whose first order the stops of a space name."""
         square = space.square
         pixels = [e for e in before if isinstance(e, Pixels)]
-        names = [self.names[_place(self.elements, e)] for e in pixels]
+        names = [_name(e, self.elements, self.names) for e in pixels]
         if square is None or square.half_side_na is not None:
             return pitch_m
         if square.of:
@@ -445,7 +446,7 @@ class _Walk:
     def _behind(self, joined: list[Element], planes_from: str) -> float:
         """How far the last element lies behind that from which the planes are measured."""
         solid = [i for i, e in enumerate(joined) if not isinstance(e, Space)]
-        names = [self.names[_place(self.elements, joined[i])] for i in solid]
+        names = [_name(joined[i], self.elements, self.names) for i in solid]
         if not planes_from or planes_from == names[-1]:
             return 0.0
         if planes_from not in names:

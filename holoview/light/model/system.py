@@ -150,14 +150,14 @@ class System(Description):
     effects: EffectPairs = described_field(
         EffectTable(), "What the bench does beyond the plain model: effects by their id.", default=()
     )
+    name: str = described_field(Choice(), "Name of the preset.", default="")
+    description: str = described_field(Choice(), "The bench in a sentence.", default="")
     elements: tuple[Element, ...] = described_field(
         ElementsField(), "What light passes, in order, in place of modulators, gap and relays.", default=()
     )
     planes_from: str = described_field(
         Choice(), "The element from which planes are measured; the last but spaces when absent.", default=""
     )
-    name: str = described_field(Choice(), "Name of the preset.", default="")
-    description: str = described_field(Choice(), "The bench in a sentence.", default="")
 
     def __post_init__(self) -> None:
         validate(self)
