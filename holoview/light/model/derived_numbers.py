@@ -164,7 +164,7 @@ def _span(low: str, high: str) -> str:
 def _cut_offs(plan: Plan) -> list[InfoRow]:
     system, dx = plan.system, plan.grid.pitch_m
     out = [
-        InfoRow("cut-offs", "modulator", f"{0.5e-3 / plan.way.orders_m[-1]:.4g} cycles/mm"),
+        InfoRow("cut-offs", "modulator", f"{0.5e-3 / plan.way.finest_m:.4g} cycles/mm"),
         InfoRow("cut-offs", "simulation grid", f"{0.5e-3 / dx:.4g} cycles/mm"),
     ]
     for number, relay in enumerate(plan.relays):
