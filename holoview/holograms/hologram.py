@@ -236,12 +236,10 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     """
     if format_of(path) == FIELD_FORMAT:
         return _load_field_hologram(path)
-    kind, texts = _FILE, metadata_of(path)
-    if texts.get("format") == FORMAT and "system" in texts:
-        told = preset.loads(texts["system"], f"{path}: system", Path(path).parent)
-        kind = _chain_format(told) if told.is_chain else _FILE
-    with kind.open(path) as file:
-        system = preset.loads(file.texts["system"], f"{path}: system", Path(path).parent)
+    text = metadata_of(path).get("system", "")
+    told = preset.loads(text, f"{path}: system", Path(path).parent) if "[[elements]]" in text else None
+    with (_chain_format(told) if told is not None and told.is_chain else _FILE).open(path) as file:
+        system = told or preset.loads(file.texts["system"], f"{path}: system", Path(path).parent)
         tensors = file.tensors(_chain_sizes(system) if system.is_chain else drive_sizes(system))
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):
