@@ -42,6 +42,17 @@ def optimising() -> Image.Image:
     return _row([wanted, *(_seen(hologram) for hologram in drives)], 300)
 
 
+def chains() -> Image.Image:
+    """A photograph on three displays that are chains of elements, after 20 iterations."""
+    pictures = []
+    for name in ("high-contrast", "dynamic-fourier", "binary-amplitude"):
+        system = hv.load(name)
+        target = hv.target_for(system, _ASSETS / "coffee.jpg")
+        *_, last = hv.iterate(system, target.stack, hv.Settings(iterations=20))
+        pictures.append(_seen(last.best))
+    return _row(pictures, 300)
+
+
 def effects() -> Image.Image:
     """A part of the still life on benches that differ from the one for which its hologram was made."""
     hologram = hv.load_hologram(_STILL_LIFE)
@@ -133,7 +144,7 @@ def live() -> Image.Image:
 
 
 FIGURES: dict[str, Callable[[], Image.Image]] = {
-    figure.__name__: figure for figure in (optimising, effects, observers, fields, recordings, captures, live)
+    figure.__name__: figure for figure in (optimising, chains, effects, observers, fields, recordings, captures, live)
 }
 
 
