@@ -14,6 +14,7 @@ from PIL import Image, ImageFont
 from holoview.commands.cli import main
 from holoview.light.model import preset
 from holoview.light.model.bench_drawing import Part, draw_bench, draw_parts, parts_of_bench
+from holoview.light.model.elements import Fourier, Lens, Pixels, Space
 from holoview.light.model.fields import field_for
 from holoview.light.model.system import System
 from holoview.util.drawing import Box, Drawing, as_png, as_svg
@@ -53,16 +54,20 @@ def test_every_part_of_a_bench_is_drawn_with_its_key_and_its_distance(name: str)
     system = bench(name)
     parts = parts_of_bench(system)
     kinds = [part.kind for part in parts]
-    assert kinds[0] == "laser" and kinds.count("modulator") == len(system.modulators)
-    assert kinds.count("relay") == sum(not relay.is_clear for relay in (system.relay1, system.relay2))
-    assert kinds[-1] == ("observer" if system.eye is None else "eye") and ("lens" in kinds) == (system.eye is not None)
+    patterned = [e for e in system.elements if isinstance(e, Pixels)]
+    stops = [e.relay for e in system.elements if isinstance(e, Space)]
+    assert kinds[0] == "laser" and kinds.count("modulator") == len(patterned)
+    assert kinds.count("relay") == sum(not relay.is_clear for relay in stops)
+    assert kinds[-1] == ("observer" if system.eye is None else "eye")
+    lenses = sum(isinstance(e, Lens | Fourier) for e in system.elements) + (system.eye is not None)
+    assert kinds.count("lens") == lenses
     drawing = draw_bench(system)
     keys = {part.key for part in parts} | {part.distance_key for part in parts if part.distance_m}
     assert {key for key, _ in drawing.areas} == keys
     for key in keys:  # each is a key of presets, so that a click finds what it edits
         field_for(System, key.partition(".")[0])
     distances = [part.distance_m for part in parts if part.distance_m]
-    wanted = [] if system.gap_m is None else [(system.gap_m,)]
+    wanted = [(e.distance_m,) for e in system.elements if isinstance(e, Space) and e.distance_m]
     assert distances == [*wanted, tuple(sorted(system.planes_m.tolist()))]
 
 
@@ -105,6 +110,13 @@ def test_parts_of_any_chain_are_drawn_in_their_order() -> None:
     assert [label.text for label in names] == [part.name for part in chain]
     assert np.all(np.diff([label.x for label in names]) > 0)
     assert not any(meet(a.box, b.box) for a, b in itertools.combinations(drawing.labels, 2))
+
+
+def test_planes_measured_from_an_element_before_the_last_one_stand_where_they_do() -> None:
+    """22 mm from the phase modulator are 20 mm behind the amplitude modulator, which stands 2 mm behind it."""
+    system = preset.load("high-contrast").edit({"planes_from": "phase", "planes": ["22 mm"]})
+    *_, plane, _ = parts_of_bench(system)
+    assert plane.distance_m == pytest.approx((20e-3,)) and "2 mm more from phase" in plane.details
 
 
 def test_info_writes_the_drawing_as_svg_and_png(

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from holoview.light.model.bench_parts import Modulator, Relay
+from holoview.light.model.elements import Fourier, Lens, Pixels, Space
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.drawing import Box, Drawing, Label, Place, Stroke, text_width
@@ -44,7 +45,17 @@ class Part:
 
 def parts_of_bench(system: System) -> tuple[Part, ...]:
     """The parts of a bench in the order of the light."""
-    parts = [_lasers(system)]
+    parts = [_lasers(system), *(_parts_of_chain(system) if system.is_chain else _parts_of_modulators(system))]
+    behind_m = system.way.behind_m if system.is_chain else 0.0
+    planes_m = tuple(sorted(float(plane_m) - behind_m for plane_m in system.planes_m))
+    name = "focal plane" if len(planes_m) == 1 else f"{len(planes_m)} focal planes"
+    details = (f"{units.format_rounded(behind_m, 'mm')} more from {system.planes_from}",) if behind_m else ()
+    parts.append(Part("plane", name, details, "planes", planes_m, "planes"))
+    return (*parts, *_observing_parts(system))
+
+
+def _parts_of_modulators(system: System) -> list[Part]:
+    parts: list[Part] = []
     count = len(system.modulators)
     for place, modulator in enumerate(system.modulators):
         gap = () if place == 0 or system.gap_m is None else (system.gap_m,)
@@ -54,18 +65,44 @@ def parts_of_bench(system: System) -> tuple[Part, ...]:
             parts.append(Part("relay", f"relay {key[-1]}", _stops(relay), key))
             what = "the field" if modulator.is_field else f"modulator {place + 1}" if count > 1 else "the modulator"
             parts.append(Part("image", "image", (f"of {what}",), f"modulators.{place}"))
-    planes_m = tuple(sorted(float(plane_m) for plane_m in system.planes_m))
-    name = "focal plane" if len(planes_m) == 1 else f"{len(planes_m)} focal planes"
-    parts.append(Part("plane", name, (), "planes", planes_m, "planes"))
+    return parts
+
+
+def _parts_of_chain(system: System) -> list[Part]:
+    """A part for each element that isn't a space, with the distance to it, and for each space's stops."""
+    parts: list[Part] = []
+    distance_m, of = 0.0, ""
+    for place, element in enumerate(system.elements):
+        key, before = f"elements.{place}", ((distance_m,) if distance_m else ())
+        name, of = element.name or element.kind, of if before else ""
+        if isinstance(element, Space):
+            if not element.relay.is_clear:
+                parts.append(Part("relay", element.name or "relay", _stops(element.relay), key))
+            distance_m, of = distance_m + (element.distance_m or 0.0), key
+            continue
+        if isinstance(element, Lens | Fourier):
+            focal_length = f"f = {units.format_rounded(element.focal_length_m, 'mm')}"
+            what = ("Fourier plane behind",) if isinstance(element, Fourier) else ()
+            parts.append(Part("lens", name, (focal_length, *what), key, before, of))
+        elif isinstance(element, Pixels):
+            size = () if element.shape is None else (f"{element.shape[1]} x {element.shape[0]}",)
+            details = (element.kind, *size, f"{units.format_rounded(element.pitch_m, 'um')} pitch")
+            parts.append(Part("modulator", name, details, key, before, of))
+        distance_m, of = 0.0, ""
+    return parts
+
+
+def _observing_parts(system: System) -> tuple[Part, ...]:
+    """Who sees the planes, and through what."""
     eye = system.eye
     if eye is None:
-        return (*parts, Part("observer", "observer", (system.observer,), "observer"))
-    parts.append(Part("lens", "eyepiece", (f"f = {units.format_rounded(eye.eyepiece_m, 'mm')}",), "eye.eyepiece"))
+        return (Part("observer", "observer", (system.observer,), "observer"),)
+    eyepiece = Part("lens", "eyepiece", (f"f = {units.format_rounded(eye.eyepiece_m, 'mm')}",), "eye.eyepiece")
     pupil = eye.pupil_m if isinstance(eye.pupil_m, str) else units.format_rounded(eye.pupil_m, "mm")
     places = [f"{units.format_rounded(place_m, 'mm')} {way}" for place_m, way in (
         (eye.pupil_x_m, "to the right"), (eye.pupil_y_m, "down")) if place_m]  # fmt: skip
     who = [] if system.observer == "eye" else [system.observer]
-    return (*parts, Part("eye", "eye", (f"pupil {pupil}", *places, *who), "eye"))
+    return (eyepiece, Part("eye", "eye", (f"pupil {pupil}", *places, *who), "eye"))
 
 
 def _lasers(system: System) -> Part:
