@@ -15,6 +15,7 @@ from holoview.holograms.metrics.sharpness import (
     line_pair_transfer,
     slanted_edge_mtf,
     square_pupil_mtf,
+    target_mtf,
 )
 from holoview.util.errors import UserError
 
@@ -96,3 +97,28 @@ def test_black_beside_white() -> None:
     assert found is not None and found.ratio == pytest.approx(30.0) and found.samples == 2048
     assert black_beside_white(target, np.full((64, 64), 0.5)) is None
     assert black_beside_white(target, np.zeros((64, 64))) is None
+
+
+@pytest.mark.parametrize("speckle", [0.0, 0.1])
+def test_a_picture_of_any_content_has_the_mtf_of_its_blur(speckle: float) -> None:
+    """A Gaussian of σ samples: exp(−2π²σ²f²). Speckle of contrast C on a target of contrast 1/√3 scatters a ring of m
+    frequencies by √3·C/√m, 0.03 in the innermost one (m = 28) and less in all others; without speckle the window mixes
+    frequencies 1/200 apart, over which this MTF changes by 0.02."""
+    rng, sigma = np.random.default_rng(31), 1.2
+    target = rng.uniform(0, 2, (256, 256))
+    f = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256))
+    image = np.fft.ifft2(np.fft.fft2(target) * np.exp(-2 * (np.pi * sigma * f) ** 2)).real
+    if speckle:
+        image = image * rng.gamma(1 / speckle**2, speckle**2, image.shape)
+    found = target_mtf(3.0 * image, target, (28, 28, 200, 200))
+    left = found.values - np.exp(-2 * (np.pi * sigma * found.cycles) ** 2)
+    assert len(found.values) > 25  # of 33 rings up to half a cycle a sample
+    assert np.abs(left).max() < 5 * np.hypot(np.sqrt(3 / 28) * speckle, 0.02 / np.sqrt(28))
+    assert found.half == pytest.approx(np.sqrt(np.log(2) / 2) / (np.pi * sigma), rel=0.05)
+
+
+def test_a_picture_of_something_else_and_a_flat_target_tell_no_mtf() -> None:
+    target, other = np.random.default_rng(32).uniform(0, 2, (2, 128, 128))
+    for wanted, said in ((target, "doesn't follow"), (np.ones((128, 128)), "no structure")):
+        with pytest.raises(UserError, match=said):
+            target_mtf(other, wanted, (0, 0, 128, 128))

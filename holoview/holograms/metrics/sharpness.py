@@ -9,6 +9,7 @@ derivative, sampled more finely than the image because each row crosses the edge
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,9 @@ _DARK, _BRIGHT, _LEAST_SAMPLES = 0.01, 0.5, 64
 _BINS = 4  # of an edge's profile a sample
 _LEAST_SIDE = 16
 _PASSES = 3  # of finding the edge
+_LEAST_STEP, _LEAST_ERRORS = 0.5, 8.0
+"""Difference of two tones over their standard deviation and, of independent samples, over its own standard error."""
+_LEAST_STRUCTURE = 1e-5  # r.m.s. of a target over its mean: single precision has less
 _MOST_UNSURE = 0.05  # standard error of an MTF that is stated
 _STRAIGHT = 2.0  # samples r.m.s. that its centroids may be from a line
 _FLATTEST, _STEEPEST = np.tan(np.deg2rad(1.0)), np.tan(np.deg2rad(40.0))
@@ -143,6 +147,11 @@ def slanted_edge_mtf(image: NDArray[np.floating], region: Region) -> Mtf:
     rows, columns = np.indices(values.shape)
     slope, start = _edge_line(values)
     distance = (columns - start - slope * rows) / np.hypot(1.0, slope)
+    tones = values[distance < 0], values[distance > 0]
+    step, noise = abs(tones[0].mean() - tones[1].mean()), math.hypot(tones[0].std(), tones[1].std()) / math.sqrt(2)
+    if step < max(_LEAST_STEP, _LEAST_ERRORS * math.sqrt(sum(1 / len(tone) for tone in tones))) * noise:
+        found = f"tones that differ by {step / noise:.2g} of their own standard deviation"
+        raise UserError("--edge", found, expected="a straight edge between two even tones")
     return _mtf_of_profile(values, distance, float(np.degrees(np.arctan(abs(slope)))))
 
 
@@ -198,7 +207,7 @@ def target_mtf(image: NDArray[np.floating], target: NDArray[np.floating], region
     With the spectra X of the target and Y of the image, both over their means and under a Hann window, it is
     Σ Re(Y·X*)/Σ|X|² over rings of frequency: speckle, which doesn't follow the target, cancels. It ends where the
     target has too little of a frequency to know it within 0.05 (one standard error). Raises UserError for a region of
-    less than 16 × 16 samples, and one without light or structure.
+    less than 16 × 16 samples, one without light or structure, and a picture that doesn't follow the target.
     """
     x, y = (np.asarray(of[region_slices(region)], dtype=np.float64) for of in (target, image))
     if min(x.shape) < _LEAST_SIDE or not (x.mean() > 0 and y.mean() > 0):
@@ -206,6 +215,8 @@ def target_mtf(image: NDArray[np.floating], target: NDArray[np.floating], region
             f"{region[2]} × {region[3]} samples of mean {x.mean():.2g} in the target and {y.mean():.2g} in the image"
         )
         raise UserError("MTF", found, expected=f"{_LEAST_SIDE} × {_LEAST_SIDE} or more, with light")
+    if not x.std() > _LEAST_STRUCTURE * x.mean():
+        raise UserError("MTF", "no structure in the target here", expected="a region with detail")
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in x.shape))
     wanted, seen = (np.fft.rfft2(window * (of / np.average(of, weights=window) - 1)) for of in (x, y))
     cycles = np.hypot(np.fft.fftfreq(x.shape[0])[:, None], np.fft.rfftfreq(x.shape[1]))
@@ -219,7 +230,9 @@ def target_mtf(image: NDArray[np.floating], target: NDArray[np.floating], region
     inside = np.arange(len(values)) * width <= 0.5
     count = int(np.argmin(np.append((known & inside)[1:], False)))  # rings from the first to the last in a row
     if not count:
-        raise UserError("MTF", "no structure in the target here", expected="a region with detail")
+        raise UserError(
+            "MTF", "the picture doesn't follow the target here", expected="a region of the target's picture"
+        )
     return Mtf(np.arange(count + 1) * width, np.append(1.0, values[1 : count + 1]), float("nan"))
 
 
