@@ -216,7 +216,7 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
             print(f"exposure: {stops:+.2f} stops")
         for entry in files:
             contrast = entry["speckle_contrast"]
-            speckle = "" if contrast is None else f"  speckle contrast {contrast:.3f} (central half)"
+            speckle = "" if contrast is None else f"  raw speckle contrast {contrast:.3f} (central half)"
             side = ", with the other sign of the phase" if "other_side" in entry else ""
             print(f"{entry['plane']}{side}: {entry['file']}{speckle}")
     return saver.exit_code

@@ -50,7 +50,7 @@ def test_the_middle_plane_of_random_patterns_is_the_default(holoview: Run, tmp_p
     outcome = holoview("render", "holochrome-8", *TORCH)
     assert outcome.code == 0
     assert outcome.out.startswith("backend: torch, complex64 (")
-    assert "10 mm: holochrome-8.png  speckle contrast 0." in outcome.out
+    assert "10 mm: holochrome-8.png  raw speckle contrast 0." in outcome.out
     system = _system()
     _assert_golden(tmp_path / "holochrome-8.png", system, hv.random_drive(system, 0), "10 mm")
 
