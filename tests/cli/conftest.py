@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageCms
 
 from holoview.commands.cli import main
 from tests.child_process import child_process
@@ -106,9 +106,10 @@ def interrupted_program(tmp_path: Path) -> Callable[..., Outcome]:
 
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
-    """A small colour picture, brighter to the right."""
+    """A small colour picture, brighter to the right, that states sRGB."""
     ramp = np.linspace(40, 220, 2 * SHAPE[1])
     pixels = np.stack(np.broadcast_arrays(ramp, ramp[::-1], np.linspace(60, 200, 2 * SHAPE[0])[:, None]), axis=-1)
     path = tmp_path / "picture.png"
-    Image.fromarray(pixels.astype(np.uint8)).save(path)
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    Image.fromarray(pixels.astype(np.uint8)).save(path, icc_profile=profile)
     return path
