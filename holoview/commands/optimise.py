@@ -91,6 +91,7 @@ from holoview.holograms.targets.light_field import ViewGrid
 from holoview.holograms.targets.picture import COLOUR_SPACES
 from holoview.holograms.targets.target import Placement, target_for
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
+from holoview.light.model.chain_numbers import flattered_by
 from holoview.light.model.focus import parse_plane, plane_label, required_eye
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -670,6 +671,8 @@ def _print_result(
         print(line)
     if system.is_chain:
         print(f"light of the lasers that is in the picture: {state.light:.1%}")
+        for sentence in flattered_by(system):
+            print_stderr(f"note: {sentence}")
     print(f"look at it: holoview render --hologram {output} -o seen.png")
 
 

@@ -14,6 +14,7 @@ from PIL import Image
 import holoview as hv
 from holoview.holograms.view import random_drive
 from holoview.light.model import preset
+from holoview.light.model.chain_numbers import flattered_by
 
 PRESET = """
 wavelengths = ["532 nm"]
@@ -101,3 +102,22 @@ def test_what_takes_no_chain_yet_says_so_in_a_sentence(holoview: Callable[..., A
     (sentence,) = [line for line in outcome.err.splitlines() if line.startswith("holoview: ")]
     assert "Traceback" not in outcome.err
     assert len(sentence) > 30
+
+
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        ({"planes": ["1 mm"]}, []),
+        ({"sampling.upsample": 1, "planes": ["1 mm"]}, ["one sample a pixel"]),
+        ({"planes": ["3 mm"]}, ["the field is 0.192 mm wide, and light of a pixel spreads over 0.2661 mm"]),
+    ],
+)
+def test_what_flatters_a_chain_is_told(chain: Path, edits: dict[str, Any], said: list[str]) -> None:
+    """Light of 532 nm and 8 µm goes 4 mm·tan(asin(λ/2p)) = 0.133 mm sideways, and 2 mm: 0.067."""
+    found = flattered_by(preset.load(chain / "chain.toml").edit(edits))
+    assert len(found) == len(said) and all(map(str.startswith, found, said))
+
+
+def test_an_optimisation_tells_what_flatters_it(holoview: Callable[..., Any], chain: Path) -> None:
+    done = holoview("optimise", "chain.toml", "picture.png", "--iterations", "1", "-o", "h.safetensors")
+    assert "note: the field is 0.192 mm wide" in done.err

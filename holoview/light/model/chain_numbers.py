@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from holoview.light.model.chain import pixel_shape
 from holoview.light.model.elements import (
     AmplitudeModulator,
@@ -43,6 +45,34 @@ def etendue_mm2sr(system: System) -> tuple[float, float]:
     pixels = max(math.prod(pixel_shape(e)) for e in system.elements if isinstance(e, Pixels))
     shortest, longest = float(system.wavelengths_m.min()), float(system.wavelengths_m.max())
     return pixels * shortest**2 * 1e6, pixels * longest**2 * 1e6
+
+
+def flattered_by(system: System) -> tuple[str, ...]:
+    """Sentences on what makes a chain look better than it would be built: too few samples, light that leaves it."""
+    finest_m = min(e.pitch_m for e in system.elements if isinstance(e, Pixels))
+    sentences = list[str]()
+    if finest_m < 1.5 * system.way.sample_m:
+        sentences.append(
+            "one sample a pixel: light that the pixels' edges send into higher orders isn't seen, so that stops take "
+            "none and modulators do better than built ones; sampling.upsample = 2 or more shows it"
+        )
+    side_m, far_m = min(system.way.shape) * system.way.sample_m, _way_m(system)
+    both_m = 2 * reach_m(system, far_m, finest_m)
+    if side_m < both_m:
+        width, needed = units.format_rounded(side_m, "mm"), units.format_rounded(both_m, "mm")
+        sentences.append(
+            f"the field is {width} wide, and light of a pixel spreads over {needed} on the way to the farthest plane: "
+            "much of it leaves the picture; a larger shape or a shorter way keeps it"
+        )
+    return tuple(sentences)
+
+
+def _way_m(system: System) -> float:
+    """How far the light goes through free space, from the last Fourier plane on where there is one."""
+    solid = [i for i, e in enumerate(system.elements) if isinstance(e, Fourier)]
+    behind = system.elements[solid[-1] + 1 if solid else 0 :]
+    between_m = math.fsum(e.distance_m or 0.0 for e in behind if isinstance(e, Space))
+    return between_m + float(np.abs(system.planes_m - system.way.behind_m).max())
 
 
 def _describe(element: Element, system: System, pitch_m: float, is_last: bool) -> str:
