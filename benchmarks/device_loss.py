@@ -43,7 +43,7 @@ _PROGRAM = ("-m", "benchmarks.lossy_viewer")
 _SIZE = (900, 600)
 _MIDDLE = (slice(200, 400), slice(300, 550))  # of the window: inside the image, beside notifications
 _SAME, _SEEN = 4.0, 10.0  # levels of 8 bits: mean difference of pictures that are alike, deviation of a picture
-_STILL_FRAMES = 8
+_STILL_FRAMES, _STILL_S = 8, 5.0  # pictures alike for so long; a quick image is still, too, until the full one is there
 _REST_S = 0.3  # without a picture, after which the pointer is moved
 
 
@@ -101,11 +101,14 @@ class Page:
         raise TimeoutError("the picture didn't become as it has to be")
 
     def wait_until_still(self, frames: int) -> NDArray[np.int_]:
-        """The middle of the picture once it has been the same for some frames."""
-        last, count = self.wait_for(lambda middle: True)[_MIDDLE], 0
-        while count < frames:
+        """The middle of the picture once it has been the same for some frames and seconds; at once for no frames."""
+        last, count, since = self.wait_for(lambda middle: True)[_MIDDLE], 0, time.monotonic()
+        while frames and (count < frames or time.monotonic() - since < _STILL_S):
             picture = self.wait_for(lambda middle: True)[_MIDDLE]
-            count = count + 1 if _differ(picture, last) < _SAME / 4 else 0
+            if _differ(picture, last) < _SAME / 4:
+                count += 1
+            else:
+                count, since = 0, time.monotonic()
             last = picture
         return last
 

@@ -136,7 +136,7 @@ def largest_field_count(context: SearchContext, effect: Effect) -> int:
 
 
 def _doubling_points(context: SearchContext, effect: Effect) -> list[dict[str, float]]:
-    """Points of a costly effect's scan, of few fields first, each about twice as far as the one before."""
+    """Points of a very costly effect's scan, of few fields first, each about twice as far as the one before."""
     points = sorted(effect.starting_points(context.system), key=lambda point: field_count(context, {effect.id: point}))
     return [points[2**k - 1] for k in range(len(points).bit_length())]
 
@@ -149,15 +149,15 @@ def prediction_cost(context: SearchContext, values: Values) -> float:
 def search_cost(context: SearchContext, effect: Effect) -> float:
     """Estimated cost of the search of an effect, in fields, which orders the queue.
 
-    Points of its scan × fields of a prediction × a factor for where it acts on the light; of a costly effect those that
-    a scan from small values on looks at; for stuck pixels the cost of their starting values.
+    Points of its scan × fields of a prediction × a factor for where it acts on the light; of a very costly effect those
+    that a scan from small values on looks at; for stuck pixels the cost of their starting values.
     """
     if is_stuck_effect(effect):
         return _STUCK_COST
     points = len(list(effect.starting_points(context.system))) + _POINTS_PER_PARAMETER * len(effect.parameters)
     if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
-        if largest_field_count(context, effect) < COSTLY_FIELDS:
-            return points * _UPSTREAM_COST
+        if (largest := largest_field_count(context, effect)) < VERY_COSTLY_FIELDS:
+            return points * (_UPSTREAM_COST * largest)
         few = _doubling_points(context, effect)[:_COSTLY_SCAN_POINTS]
         fields = [field_count(context, {effect.id: point}) for point in few]
         fitted = _POINTS_PER_PARAMETER * len(effect.parameters) * fields[len(fields) // 2]
@@ -381,11 +381,16 @@ class _EffectFitter:
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
 
     def _fit_costly(self, effect: Effect, max_cost: float) -> CandidateFit:
-        """The best of a few points, the smallest first, fitted once, on a few captures.
+        """The best of a few points, fitted once, on a few captures; of very many fields the smallest points first.
 
         The fit is begun only where a point leaves no more than a share `max_cost` of the cost without the effect.
         """
-        scan = scan_upwards(effect, self.scan_comparison, self.base, _doubling_points(self.context, effect))
+        if largest_field_count(self.context, effect) >= VERY_COSTLY_FIELDS:
+            scan = scan_upwards(effect, self.scan_comparison, self.base, _doubling_points(self.context, effect))
+        else:
+            points, count = list(effect.starting_points(self.context.system)), _COSTLY_SCAN_POINTS
+            points = [points[(2 * k + 1) * len(points) // (2 * count)] for k in range(count)]
+            scan = scan_effect(effect, self.scan_comparison, self.base, points)
         if scan[0].cost > max_cost * cost_at_identity(scan, effect):
             return CandidateFit((*self.base, effect.id), scan[0].values, float("inf"))
         fit = fit_from_scan(effect, self.scan_comparison, self.base, scan, max_starts=1)

@@ -469,10 +469,13 @@ def with_costly_in_place(context: SearchContext, result: SearchResult, effects: 
     once the budget is spent, only effects whose search takes a small part of it are tried.
     """
     best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
+    is_alone = len(best.causes) < 2
     if not best.causes or context.screening_exhausted:
         return []
+    if is_alone and field_count(context, best.values) >= COSTLY_FIELDS:
+        return []  # no simple effect that imitates them
     costly = [e for e in effects if e.id not in best.causes and largest_field_count(context, e) >= COSTLY_FIELDS]
-    if context.budget_exhausted or len(best.causes) < 2:
+    if context.budget_exhausted or is_alone:
         costly = [e for e in costly if not is_dear(context, e)]
     jobs = [
         partial(fit_over_range, context, others.values, effect, [])
