@@ -43,6 +43,7 @@ _PROGRAM = ("-m", "benchmarks.lossy_viewer")
 _SIZE = (900, 600)
 _MIDDLE = (slice(200, 400), slice(300, 550))  # of the window: inside the image, beside notifications
 _SAME, _SEEN = 4.0, 10.0  # levels of 8 bits: mean difference of pictures that are alike, deviation of a picture
+_BLOCK = 4  # pixels along a side, whose means are compared
 _STILL_FRAMES, _STILL_S = 8, 5.0  # pictures alike for so long; a quick image is still, too, until the full one is there
 _REST_S = 0.3  # without a picture, after which the pointer is moved
 
@@ -105,7 +106,7 @@ class Page:
         last, count, since = self.wait_for(lambda middle: True)[_MIDDLE], 0, time.monotonic()
         while frames and (count < frames or time.monotonic() - since < _STILL_S):
             picture = self.wait_for(lambda middle: True)[_MIDDLE]
-            if _differ(picture, last) < _SAME / 4:
+            if _differ(picture, last) < _SAME / 2:
                 count += 1
             else:
                 count, since = 0, time.monotonic()
@@ -174,7 +175,10 @@ def _draw_until_closed(page: Page) -> None:
 
 
 def _differ(first: NDArray[np.int_], second: NDArray[np.int_]) -> float:
-    return float(np.abs(first - second).mean())
+    """Mean difference of means over blocks: a window at rest is sent once more, less compressed."""
+    rows, columns = (n // _BLOCK for n in first.shape[:2])
+    blocks = (first - second)[: rows * _BLOCK, : columns * _BLOCK].reshape(rows, _BLOCK, columns, _BLOCK, -1)
+    return float(np.abs(blocks.mean(axis=(1, 3))).mean())
 
 
 def _has_unfinished(served: Served) -> bool:
