@@ -53,7 +53,8 @@ _WIDEST_PX = 900
 _BENCH_HEADINGS = ("bench", "eye", "effects")
 _FURTHER_ROWS = ("étendue", "square stop of relay 1", "square stop of relay 2", "iris of relay 1", "iris of relay 2")
 _CHART_DPI = 170
-_MOST_ROOMY = 2  # holograms beyond which type and charts are smaller, so that they fit on two sheets
+_MOST_ROOMY = 1  # holograms beyond which type and charts are smaller, so that they fit on two sheets
+_LONG_COMMAND = 300  # letters, as of paths in deep folders, beyond which type is smaller, too
 _LEAST_TOLD = 5e-4  # of the light
 
 
@@ -240,7 +241,7 @@ def report_html(
         command=command,
         versions=version_summary(),
         live=live,
-        is_dense=len(reviewed) > _MOST_ROOMY,
+        is_dense=len(reviewed) > _MOST_ROOMY or len(command) > _LONG_COMMAND,
     )
 
 
