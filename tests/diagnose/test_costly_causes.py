@@ -30,6 +30,17 @@ def test_an_extended_source_is_tried_in_place_of_the_blur_that_imitates_it(make_
     assert best.excess < 0.3 * blurred.best.excess
 
 
+def test_it_is_tried_in_place_of_a_lone_blur_but_not_of_another_costly_effect(make_context: MakeContext) -> None:
+    """Small: between the first two points of its scan, of which the last takes hundreds of fields a capture."""
+    context = make_context({"source_extent": {"radius": 0.8e-3}})
+    effects = [context.effects[name] for name in ("bandwidth", "source_extent")]
+    (blur,), (line,) = _alone(context, camera_blur={"sigma": 0.8}), _alone(context, bandwidth={"sigma": 3e-9})
+    blurred = rank_on_held_out(context, [refine_fit(context, blur)])
+    best = rank_on_held_out(context, [*with_costly_in_place(context, blurred, effects), blurred.best.fit]).best
+    assert best.causes == ("source_extent",) and best.excess < 0.3 * blurred.best.excess
+    assert with_costly_in_place(context, rank_on_held_out(context, [line]), effects) == []
+
+
 def test_an_extended_source_is_found_beside_a_true_blur(make_context: MakeContext) -> None:
     """Either alone is fitted too large, the best first; beside the blur alone nothing is left for the source."""
     hidden = {"camera_blur": {"sigma": 1.6}, "source_extent": {"radius": 1.8e-3}}
