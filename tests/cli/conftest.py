@@ -104,12 +104,15 @@ def interrupted_program(tmp_path: Path) -> Callable[..., Outcome]:
     return run
 
 
+SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+"""A profile with which pictures state their colour space, so that no note tells that it is assumed."""
+
+
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
     """A small colour picture, brighter to the right, that states sRGB."""
     ramp = np.linspace(40, 220, 2 * SHAPE[1])
     pixels = np.stack(np.broadcast_arrays(ramp, ramp[::-1], np.linspace(60, 200, 2 * SHAPE[0])[:, None]), axis=-1)
     path = tmp_path / "picture.png"
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    Image.fromarray(pixels.astype(np.uint8)).save(path, icc_profile=profile)
+    Image.fromarray(pixels.astype(np.uint8)).save(path, icc_profile=SRGB)
     return path

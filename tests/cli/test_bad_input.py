@@ -12,11 +12,12 @@ from typing import Any, NoReturn
 import imagecodecs
 import numpy as np
 import pytest
-from PIL import Image, ImageCms
+from PIL import Image
 
 import holoview as hv
 from holoview.holograms.hologram import Hologram
 from holoview.light.gpu.device import Device
+from tests.cli.conftest import SRGB
 from tests.file_limits import limit_of_file_size
 
 Run = Callable[..., Any]
@@ -24,7 +25,6 @@ Files = dict[str, tuple[int, int]]
 
 SHAPE = (24, 32)
 SMALL = ["--set", "shape=[24,32]"]
-SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()  # stated, so that no note tells it is assumed
 RENDER = ["render", "holochrome-8", *SMALL, "--backend", "torch", "-o", "seen.png"]
 ONE = ["render", "holochrome-8-1slm", *SMALL, "--backend", "torch", "-o", "seen.png"]
 OPTIMISE = ["optimise", "holochrome-8", *SMALL, "--iterations", "1", "-o", "h.safetensors"]

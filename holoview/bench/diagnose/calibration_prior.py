@@ -8,7 +8,8 @@ counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from itertools import takewhile
 
@@ -54,26 +55,24 @@ def known_corrections(
     context: with the known effects in its nominal bench. None where the context's time was over before.
     """
     placed = {name: own for name, own in uncertain.items() if name in context.effects}
-    end, context.predictor.end = context.predictor.end, context.end
     try:
-        nothing = rank_on_held_out(context, [])
-        if not placed or nothing.best.excess < jitter_excess(nothing.pixel_count):
-            return {}
-        fits = [_fit_beside(context, NOMINAL_FIT, placed)]
-        ranked = rank_on_held_out(context, fits)
-        if ranked.best.excess > jitter_excess(ranked.pixel_count):
-            bases = _single_causes(context, placed, progress)
-            fits += context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
+        with _ended_in_time(context):
+            nothing = rank_on_held_out(context, [])
+            if not placed or nothing.best.excess < jitter_excess(nothing.pixel_count):
+                return {}
+            fits = [_fit_beside(context, NOMINAL_FIT, placed)]
             ranked = rank_on_held_out(context, fits)
-        best = ranked.best.fit
-        if best.causes != fits[0].causes:  # a cause has numbers of its own, which always leave a little less
-            alone = next(score for score in ranked.candidates if score.causes == fits[0].causes)
-            if ranked.best.excess > MAX_FURTHER_EXCESS_SHARE * alone.excess:
-                best = alone.fit
+            if ranked.best.excess > jitter_excess(ranked.pixel_count):
+                bases = _single_causes(context, placed, progress)
+                fits += context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
+                ranked = rank_on_held_out(context, fits)
+            best = ranked.best.fit
+            if best.causes != fits[0].causes:  # a cause has numbers of its own, which always leave a little less
+                alone = next(score for score in ranked.candidates if score.causes == fits[0].causes)
+                if ranked.best.excess > MAX_FURTHER_EXCESS_SHARE * alone.excess:
+                    best = alone.fit
     except SearchEnded:
         return None
-    finally:
-        context.predictor.end = end
     return _within_uncertainties(best.values, placed)
 
 
@@ -83,14 +82,22 @@ def corrections_alone(context: SearchContext, uncertain: Uncertainties) -> Fitte
     Empty where the context's time was over before.
     """
     placed = {name: own for name, own in uncertain.items() if name in context.effects}
-    end, context.predictor.end = context.predictor.end, context.end
     try:
-        found = _fit_beside(context, NOMINAL_FIT, placed).values
+        with _ended_in_time(context):
+            found = _fit_beside(context, NOMINAL_FIT, placed).values
     except SearchEnded:
         return {}
+    return _within_uncertainties(found, placed)
+
+
+@contextmanager
+def _ended_in_time(context: SearchContext) -> Iterator[None]:
+    """Predictions end with the context's search meanwhile. Raises SearchEnded then."""
+    end, context.predictor.end = context.predictor.end, context.end
+    try:
+        yield
     finally:
         context.predictor.end = end
-    return _within_uncertainties(found, placed)
 
 
 def correction_notes(corrections: FittedValues | None, uncertain: Uncertainties) -> tuple[str, ...]:
