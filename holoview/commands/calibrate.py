@@ -31,7 +31,7 @@ from holoview.bench.captures.slmsuite_calibration import PixelCalibration, read_
 from holoview.commands.arguments import add_fields, given_fields, number, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
-from holoview.holograms.optimise.parallel import limit_torch_threads
+from holoview.holograms.optimise.parallel import thread_count, torch_threads
 from holoview.light.model import preset
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -104,7 +104,7 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
         require_matplotlib("--pictures")
         make_folder(args.pictures)
     task = _prepare_task(args, file)
-    with limit_torch_threads(task.padded_samples):
+    with torch_threads(thread_count(task.padded_samples)):
         state, interruption = _train(args, task)
         with progress_bar("scoring") as progress:
             result, drawn = task.result(state.best_maps, progress, args.pictures)

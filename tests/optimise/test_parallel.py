@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import subprocess
@@ -20,16 +21,21 @@ from PIL import Image
 from holoview.holograms.optimise.forward_model import ForwardModel
 from holoview.holograms.optimise.lasers import with_only_lasers
 from holoview.holograms.optimise.parallel import (
+    MIN_SAMPLES_FOR_TEAM,
     MIN_SAMPLES_FOR_THREADS,
     SINGLE_PROCESS,
     ProcessGroup,
     ThreadTeam,
     device_for_rank,
-    limit_torch_threads,
     resolve_torch_device,
     shard_lasers,
+    thread_count,
+    torch_threads,
     torchrun_group,
 )
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
+from holoview.holograms.optimise.propagation import TORCH_KERNELS, PlanePropagation
+from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -191,34 +197,51 @@ def _two_threads(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_two_threads")
-@pytest.mark.parametrize(("samples", "inside"), [(1, 1), (SMALL, 1), (LARGE, 2), (1 << 24, 2)])
-def test_small_fields_get_one_thread_and_large_ones_the_callers_number(samples: int, inside: int) -> None:
-    with limit_torch_threads(samples):
-        assert torch.get_num_threads() == inside
-    assert torch.get_num_threads() == 2
+@pytest.mark.parametrize(("samples", "count"), [(1, 1), (SMALL, 1), (LARGE, 2), (1 << 24, 2)])
+def test_small_fields_get_one_thread_and_large_ones_the_callers_number(samples: int, count: int) -> None:
+    assert thread_count(samples) == count
 
 
 @pytest.mark.usefixtures("_two_threads")
-def test_the_callers_number_comes_back_after_an_error() -> None:
-    with pytest.raises(ValueError, match="inside"), limit_torch_threads(SMALL):
+def test_a_number_that_the_environment_asks_for_holds_for_small_fields(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    assert thread_count(SMALL) == 2
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_the_callers_number_comes_back_after_an_error_and_after_nested_blocks() -> None:
+    with pytest.raises(ValueError, match="inside"), torch_threads(1):
+        with torch_threads(1):
+            assert torch.get_num_threads() == 1
+        assert torch.get_num_threads() == 1
         raise ValueError("inside")
     assert torch.get_num_threads() == 2
 
 
 @pytest.mark.usefixtures("_two_threads")
-def test_blocks_may_be_nested() -> None:
-    with limit_torch_threads(SMALL):
-        with limit_torch_threads(SMALL):
-            pass
-        assert torch.get_num_threads() == 1
+@pytest.mark.parametrize("shape", [(48, 64), (96, 128), (192, 256)], ids=["few", "some", "many"])
+def test_passes_are_shared_by_a_team_while_torch_uses_one_thread(
+    bench: Bench, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system = bench(shape=shape, propagation="periodic")
+    samples = math.prod(make_plan(system).grid.padded)
+    stack = np.full((len(system.planes_m), *make_plan(system).grid.shape, 3), 0.2, dtype=np.float32)
+    problem = Problem(system, stack, Settings(iterations=1), kernels=TORCH_KERNELS)
+    found: set[tuple[int, int]] = set()
+    compute = PlanePropagation.move
+
+    def recorded(*arguments: Any) -> None:
+        found.add((torch.get_num_threads(), get_ident()))
+        compute(*arguments)
+
+    monkeypatch.setattr(PlanePropagation, "move", recorded)
+    opd_m = torch.rand(system.drive_shape) * 500e-9
+    amplitudes = np.ones(system.amplitudes.shape)
+    alone = problem.evaluate(opd_m, amplitudes, EvaluationRequest(path_gradient=True))
+    assert {threads for threads, _ in found} == {1}
+    assert (get_ident() in {thread for _, thread in found}) == (samples < MIN_SAMPLES_FOR_TEAM)
     assert torch.get_num_threads() == 2
-
-
-@pytest.mark.usefixtures("_two_threads")
-def test_a_number_that_the_environment_asks_for_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    with limit_torch_threads(SMALL):
-        assert torch.get_num_threads() == 2
+    assert problem.evaluate(opd_m, amplitudes, EvaluationRequest(path_gradient=True)).loss == alone.loss
 
 
 @pytest.mark.usefixtures("_two_threads")
@@ -235,6 +258,13 @@ def test_a_team_gives_results_in_the_order_of_the_items_from_several_threads_of_
     assert len({thread for _, _, thread in found}) == 2
     assert get_ident() not in {thread for _, _, thread in found}
     assert torch.get_num_threads() == 2
+
+
+@pytest.mark.usefixtures("_two_threads")
+def test_a_team_may_have_more_threads_than_an_operation_of_torch() -> None:
+    torch.set_num_threads(1)
+    both = Barrier(2)
+    assert ThreadTeam(CPU, 2).map(lambda item: both.wait(timeout=PATIENCE_S) in (0, 1), range(2)) == [True, True]
 
 
 @pytest.mark.usefixtures("_two_threads")

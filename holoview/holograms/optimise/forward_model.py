@@ -65,7 +65,7 @@ from holoview.holograms.optimise.beams import (
 )
 from holoview.holograms.optimise.lasers import lit_lasers
 from holoview.holograms.optimise.level_gradients import LevelSteps, secant_gradient
-from holoview.holograms.optimise.parallel import MIN_SAMPLES_FOR_THREADS, ThreadTeam
+from holoview.holograms.optimise.parallel import MIN_SAMPLES_FOR_TEAM, MIN_SAMPLES_FOR_THREADS, ThreadTeam
 from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels, ModulatorLight, PlanePropagation
 from holoview.holograms.optimise.wavelengths import BeamAdjoint, wavelength_derivative
 from holoview.light.engine.frame import spectrum_behind_modulators
@@ -73,7 +73,7 @@ from holoview.light.engine.torch_executor import TorchPropagation
 from holoview.light.model import preset
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.numerics.resample import upsample_nearest
-from holoview.light.numerics.sampling import frequency_indices
+from holoview.light.numerics.sampling import ceil_div, frequency_indices
 from holoview.light.optics.bench import plane_wave, pupil_with_effects, relay_response
 from holoview.light.optics.slm import sum_pool
 from holoview.light.optics.torch_effects import SampledTransmissions
@@ -149,6 +149,8 @@ def _whole_response(plan: Plan, relay: int, wavelength: int, plane: int) -> Tens
 # --- the model --------------------------------------------------------------------------------------------------------
 
 _SMALL_FIELDS_BYTES = 1 << 23
+_PARTS = 4
+"""Of the beams, and of a plane's rows, of fields between the two: enough for two threads or four."""
 _PASSES = 16  # at most, over a plane by compiled code: enough for the threads of a processor
 ProcessRows = Callable[[int, slice, Tensor], Result]
 """Called with a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E for the way back."""
@@ -163,7 +165,7 @@ class ForwardModel:
 
     lasers: (frame, wavelength) of every laser that is on. double: compute in complex128 instead of complex64.
     rows_at_a_time: process planes in blocks of so many rows, one after the other in the calling thread; by default in
-    blocks that fit the cache, in several threads.
+    blocks that fit the cache, in several threads. threads: of the team that shares the work, as in `ThreadTeam`.
     """
 
     axes: tuple[SpectralAxis, SpectralAxis]
@@ -180,6 +182,7 @@ class ForwardModel:
         device: str = "cpu",
         rows_at_a_time: int | None = None,
         kernels: Kernels = TORCH_KERNELS,
+        threads: int | None = None,
     ) -> None:
         plan.nominal.require_short_form("a gradient by hand")
         self.device, self.kernels = torch.device(device), kernels
@@ -188,7 +191,7 @@ class ForwardModel:
         self.lasers = lit_lasers(plan)
         self.source_count = len(plan.slopes)
         self.has_second_modulator = plan.system.gap_m is not None
-        self._rows_at_a_time, self._team = rows_at_a_time, ThreadTeam(self.device)
+        self._rows_at_a_time, self._team = rows_at_a_time, ThreadTeam(self.device, threads)
         self._z_weighted_adjoints: list[ColumnBlocks] = []  # Σ z_k·(part of plane k in c_W), for ∂L/∂λ
         self.plan = plan
         self.set_plan(plan)
@@ -201,7 +204,7 @@ class ForwardModel:
             del self.transfer_functions, self._light, self._fields, self._lines  # frees memory for the next ones
         number_bytes, (rows, columns) = self.complex_dtype.itemsize, plan.grid.padded
         by_rows = self.kernels.has_passes(self.axes)
-        self._block_bytes = limit = self._bytes_at_a_time(rows * columns, by_rows)
+        self._block_bytes = limit = self._bytes_at_a_time(by_rows)
         width = columns if by_rows else max(1, limit // (rows * number_bytes))
         self.transfer_functions = TransferFunctions(
             plan, self.axes, width, self.complex_dtype, self.device, by_rows=by_rows
@@ -220,11 +223,16 @@ class ForwardModel:
         λ = plan.system.wavelengths_m[[wavelength for _, wavelength in self.lasers]]
         self._path_factors = torch.from_numpy(-2 * math.pi / λ).to(self.device, self.real_dtype)
 
-    def _bytes_at_a_time(self, samples: int, by_rows: bool) -> int:
+    def _bytes_at_a_time(self, by_rows: bool) -> int:
         """Bytes of a block. Compiled passes take one beam after the other: all beams of fields for which one thread is
-        enough are a block, so that Python calls less often."""
-        is_small = by_rows and samples < MIN_SAMPLES_FOR_THREADS
-        return _SMALL_FIELDS_BYTES if is_small else block_bytes(self.device)
+        enough are a block, so that Python calls less often; of fields that fit the last cache, a quarter of them."""
+        samples = math.prod(self.plan.grid.padded)
+        if not by_rows or samples >= MIN_SAMPLES_FOR_THREADS:
+            return block_bytes(self.device)
+        if samples < MIN_SAMPLES_FOR_TEAM:
+            return _SMALL_FIELDS_BYTES
+        beams = len(self.lasers) * self.source_count
+        return ceil_div(beams, _PARTS) * samples * self.complex_dtype.itemsize
 
     def _make_parts(self, by_rows: bool) -> tuple[ModulatorLight, PlanePropagation]:
         """From the pixels to the spectra, and from there to the planes; by_rows: in compiled passes."""
@@ -252,6 +260,11 @@ class ForwardModel:
     def is_fixed_work(self) -> bool:
         """Whether equal calls are the same operations on the same memory, which a card can record and repeat."""
         return True
+
+    @property
+    def works_in_team(self) -> bool:
+        """Whether threads of its own compute all large parts, so that torch needs no further ones."""
+        return self._rows_at_a_time is None
 
     def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:
         """Computes the spectra behind the last modulator for optical paths (frame, modulator, y, x), m.
@@ -468,6 +481,11 @@ class AutogradModel(ForwardModel):
         self._stages.transfer_functions = self.transfer_functions
 
     @property
+    def works_in_team(self) -> bool:
+        """As there: the graph of derivatives is torch's own work."""
+        return False
+
+    @property
     def is_fixed_work(self) -> bool:
         """As there: torch's own graph of derivatives is made anew in each call."""
         return False
@@ -538,7 +556,13 @@ class _Patterns:
 
 
 def make_forward_model(
-    plan: Plan, *, device: str, double: bool = False, rows_at_a_time: int | None = None, kernels: Kernels
+    plan: Plan,
+    *,
+    device: str,
+    double: bool = False,
+    rows_at_a_time: int | None = None,
+    kernels: Kernels,
+    threads: int | None = None,
 ) -> ForwardModel:
     """The model of a plan: an `AutogradModel` if effects change the light of its modulators. Arguments as there."""
     strokes_m = [[m.stroke_m for m in system.modulators] for system in (plan.system, plan.nominal)]
@@ -546,7 +570,7 @@ def make_forward_model(
         strokes_m[0] != strokes_m[1] or SampledTransmissions(plan, torch.empty(0)).is_any_sampled
     )
     model = AutogradModel if needs_autograd else ForwardModel
-    return model(plan, double=double, device=device, rows_at_a_time=rows_at_a_time, kernels=kernels)
+    return model(plan, double=double, device=device, rows_at_a_time=rows_at_a_time, kernels=kernels, threads=threads)
 
 
 # --- torch or compiled: the faster on this machine, measured once and remembered --------------------------------------

@@ -124,39 +124,52 @@ def device_for_rank(device: str) -> str:
 # --- threads ---------------------------------------------------------------------------------------------------------
 
 MIN_SAMPLES_FOR_THREADS = 1 << 17
-"""Samples of a padded field below which starting threads takes longer than they save."""
+"""Samples of a padded field below which several threads for an operation of torch take longer than they save."""
+MIN_SAMPLES_FOR_TEAM = 1 << 15
+"""The same for the threads of a `ThreadTeam`, each of which does several operations with its part."""
+
+
+def thread_count(samples: int, least: int = MIN_SAMPLES_FOR_THREADS) -> int:
+    """Torch's number of threads, or one for fields of less than `least` samples, unless OMP_NUM_THREADS is set."""
+    is_worthwhile = samples >= least or "OMP_NUM_THREADS" in os.environ
+    return torch.get_num_threads() if is_worthwhile else 1
 
 
 @contextmanager
-def limit_torch_threads(samples: int) -> Iterator[None]:
-    """One torch thread inside the block for fields of few samples, unless OMP_NUM_THREADS is set; else no change."""
+def torch_threads(count: int) -> Iterator[None]:
+    """So many threads for an operation of torch inside the block.
+
+    It is one while a `ThreadTeam` works: torch's own threads, when they have done their part of an operation, wait for
+    the next one without giving their core away, for about as long as a thread of the team needs for a block.
+    """
     before = torch.get_num_threads()
-    chosen = 1 if samples < MIN_SAMPLES_FOR_THREADS and "OMP_NUM_THREADS" not in os.environ else before
-    if chosen != before:
-        torch.set_num_threads(chosen)
+    if count != before:
+        torch.set_num_threads(count)
     try:
         yield
     finally:
-        if chosen != before:
+        if count != before:
             torch.set_num_threads(before)
 
 
 class ThreadTeam:
-    """Calls a function for each of some items, in as many threads as torch would use for one operation.
+    """Calls a function for each of some items, in several threads.
 
     Each thread takes the next item when it is free and computes it alone, so that the data of an item stay in the cache
     of one core and no operation waits for other cores. Results are in the order of the items, whoever computes them.
     On other devices than the CPU the calling thread computes all items.
+
+    threads: as many as torch uses for one operation when None.
     """
 
-    def __init__(self, device: torch.device) -> None:
-        self._device = device
+    def __init__(self, device: torch.device, threads: int | None = None) -> None:
+        self._threads = threads if device.type == "cpu" else 1
         self._pools: dict[int, ThreadPoolExecutor] = {}
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """The results (item,) of a function that may be called in several threads at a time."""
-        size = min(torch.get_num_threads(), len(items))
-        if size <= 1 or self._device.type != "cpu":
+        size = min(torch.get_num_threads() if self._threads is None else self._threads, len(items))
+        if size <= 1:
             return [function(item) for item in items]
         return list(self._pool(size).map(function, items))
 

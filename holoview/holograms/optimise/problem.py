@@ -28,7 +28,14 @@ from holoview.holograms.optimise.objective import (
     channels_of_wavelengths,
     make_objective,
 )
-from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup, limit_torch_threads, shard_lasers
+from holoview.holograms.optimise.parallel import (
+    MIN_SAMPLES_FOR_TEAM,
+    SINGLE_PROCESS,
+    ProcessGroup,
+    shard_lasers,
+    thread_count,
+    torch_threads,
+)
 from holoview.holograms.optimise.propagation import Kernels
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
@@ -155,8 +162,9 @@ class Problem:
             check_wavelength_search(system.observer, settings)
         people = drawn_people(settings.observers) if settings.observers else []
         self._agreement = AgreementPenalty(people, self.objective.loss) if people else None
-        self._padded_samples = math.prod(plan.grid.padded)
-        with self._memory_guard(plan, device), limit_torch_threads(self._padded_samples):
+        samples = math.prod(plan.grid.padded)
+        team = thread_count(samples, MIN_SAMPLES_FOR_TEAM)
+        with self._memory_guard(plan, device), torch_threads(thread_count(samples)):
             rows_at_a_time = None if group.size == 1 else _ROWS_TO_SEND
             if whole_planes:
                 rows_at_a_time = plan.grid.shape[0]
@@ -166,7 +174,9 @@ class Problem:
                 double=double,
                 rows_at_a_time=rows_at_a_time,
                 kernels=choose_kernels(device) if kernels is None else kernels,
+                threads=team,
             )
+            self._torch_threads = 1 if self.model.works_in_team else thread_count(samples)
             self._middle_image = torch.empty_like(self.objective.target[0])
             self.eyebox = EyeboxPenalty(self.model)
             self._transmittance_cache: dict[int, tuple[float, float]] = {}
@@ -193,7 +203,7 @@ class Problem:
     def guarded(self) -> Iterator[None]:
         """The number of torch's threads that suits the fields, and a UserError if memory runs out inside the block."""
         guard = self._memory_guard(self.model.plan, str(self.model.device), is_made=True)
-        with guard, limit_torch_threads(self._padded_samples):
+        with guard, torch_threads(self._torch_threads):
             yield
 
     def evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:

@@ -187,20 +187,23 @@ class Optimiser:
         for iteration in range(self.progress.iteration, self.settings.iterations + 1):
             if self._drawn is not None and iteration > 0:
                 self.problem.see_from(*self._drawn(iteration))
-            shown = self.variables.patterns.displayed_drive()
-            request = self._request(iteration)
-            evaluation = self._evaluate(shown, iteration, request)
-            if not math.isfinite(evaluation.loss):
-                raise UserError(
-                    "optimisation", f"the loss became {evaluation.loss}", remedy="lower the step or check the target"
-                )
-            best = (self.progress.best_loss, self.progress.best_psnr_db)
-            is_whole = request.planes is None
-            if is_whole and (evaluation.loss < best[0] or self._drawn is not None):
-                best, self._make_best = (evaluation.loss, evaluation.psnr_db), self._maker_of(shown)
-            assert self._make_best is not None  # the first iteration takes all planes
-            if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
-                self.problem.set_wavelengths(self.variables.wavelengths_m)
+            with self.problem.guarded():
+                shown = self.variables.patterns.displayed_drive()
+                request = self._request(iteration)
+                evaluation = self._evaluate(shown, iteration, request)
+                if not math.isfinite(evaluation.loss):
+                    raise UserError(
+                        "optimisation",
+                        f"the loss became {evaluation.loss}",
+                        remedy="lower the step or check the target",
+                    )
+                best = (self.progress.best_loss, self.progress.best_psnr_db)
+                is_whole = request.planes is None
+                if is_whole and (evaluation.loss < best[0] or self._drawn is not None):
+                    best, self._make_best = (evaluation.loss, evaluation.psnr_db), self._maker_of(shown)
+                assert self._make_best is not None  # the first iteration takes all planes
+                if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
+                    self.problem.set_wavelengths(self.variables.wavelengths_m)
             eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
             self.progress = CheckpointProgress(iteration + 1, time.perf_counter() - started, *best, eyebox)
             yield IterationState(
