@@ -27,6 +27,10 @@ SMALLEST: dict[str, tuple[str, ...]] = {
         "--benches 1 --derivatives {out}/derivatives.npz -o {out}/bound.jsonl",
         "--summary {out}/bound.jsonl",
     ),
+    "card": (
+        "--dry-run --minutes 0.4 -o {out}/card",
+        "--dry-run --question --minutes 0.4 -o {out}/card",
+    ),
     "conformance_peers": ("",),
     "device_loss": ("--runs 1 --shape 24 32",),
     "diagnosis": ("--families singles --only gap --sizes large --shape 24 32 --each 2 --workers 1",),
@@ -73,7 +77,16 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "viewer": ("--size 320x200 --shape 48x32 --events 2",),
 }
 """The arguments of each program at its smallest size, of several calls where one reads what the other writes."""
-ON_A_DEVICE = {"conformance_peers", "device_loss", "effect_consumers", "fft_time", "frame_time", "soak", "viewer"}
+ON_A_DEVICE = {
+    "card",
+    "conformance_peers",
+    "device_loss",
+    "effect_consumers",
+    "fft_time",
+    "frame_time",
+    "soak",
+    "viewer",
+}
 MARKS = {**dict.fromkeys(ON_A_DEVICE, (pytest.mark.gpu,)), "effect_consumers": (pytest.mark.gpu, needs_chromium)}
 
 
