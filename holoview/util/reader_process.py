@@ -11,6 +11,7 @@ place for another process) they run in this process.
 from __future__ import annotations
 
 import faulthandler
+import gc
 import os
 import pickle
 import signal
@@ -129,8 +130,13 @@ class _Connection:
                 _send(self.socket, request)
                 is_answer, result = _receive(self.socket)
             except TimeoutError as error:
+                waited_s = self.socket.gettimeout()
                 self.end()
-                raise self._error("takes too long to read") from error
+                raise UserError(
+                    self.where,
+                    f"couldn't be read: its reader gave no answer for {waited_s:.0f} s",
+                    remedy="try again when the machine has less to do; if it fails again, save or copy the file again",
+                ) from error
             except (EOFError, OSError) as error:
                 self.end()
                 raise self._error(self._reason()) from error
@@ -167,6 +173,7 @@ def _serve(
     """Answers requests until the parent closes the connection or is gone."""
     try:
         _child.is_this = True
+        gc.freeze()  # the parent's garbage isn't collected here: its end may wait for a lock that no thread gives back
         faulthandler.disable()
         for number in ENDING:  # which the parent handles
             signal.signal(number, signal.SIG_IGN)

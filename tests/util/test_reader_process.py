@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,7 @@ import pytest
 from holoview.util import reader_process
 from holoview.util.errors import UserError
 from holoview.util.reader_process import CAN_FORK, call_in_child, in_child
+from tests.patience import PATIENCE_S
 
 needs_fork = pytest.mark.skipif(not CAN_FORK, reason="readers run in this process here")
 
@@ -101,7 +105,8 @@ def test_a_real_crash_is_a_sentence(path: Path) -> None:
 
 @needs_fork
 def test_work_without_end_is_a_sentence(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader_process, "_CPU_S", 0.0)
+    monkeypatch.setattr(reader_process, "_CPU_S", 0.1)
+    monkeypatch.setattr(reader_process, "_WALL_FACTOR", 10 * PATIENCE_S)
 
     def for_ever() -> None:
         while True:
@@ -109,6 +114,39 @@ def test_work_without_end_is_a_sentence(path: Path, monkeypatch: pytest.MonkeyPa
 
     with pytest.raises(UserError, match="takes too long to read"):
         call_in_child("f", path, for_ever)
+
+
+class _WaitsForALock:
+    """Garbage whose end waits for a lock, as those of a device's buffers do."""
+
+    def __init__(self, lock: Lock) -> None:
+        self.lock, self.itself = lock, self
+
+    def __del__(self) -> None:
+        with self.lock:
+            pass
+
+
+@needs_fork
+def test_what_the_parent_left_isnt_collected_in_the_child(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader_process, "_WALL_FACTOR", PATIENCE_S / 100)
+    lock = Lock()
+    gc.disable()
+    try:
+        _WaitsForALock(lock)
+        with lock:  # as another thread that holds it at the moment of the fork: nobody gives it back in the child
+            assert call_in_child("f", path, lambda: gc.collect() >= 0)
+    finally:
+        gc.enable()
+    gc.collect()
+
+
+@needs_fork
+def test_a_reader_that_stands_still_doesnt_call_the_file_damaged(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader_process, "_WALL_FACTOR", 0.01)
+    with pytest.raises(UserError, match=r"f: couldn't be read: its reader gave no answer for 0 s; try again") as found:
+        call_in_child("f", path, lambda: time.sleep(PATIENCE_S))
+    assert "damaged" not in str(found.value)
 
 
 @needs_fork
