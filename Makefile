@@ -12,7 +12,7 @@
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
 # make fuzz   feed 20 000 hostile files and options and count how they end (CASES=20000 SEED=1; MINUTES=60 at most)
-# make bench  time the frame's stages on this machine
+# make bench  time the frame's stages on this machine; ratios of times beside those kept for this processor
 .PHONY: fuzz demo test test-all test-processors test-pythons wheel bench docs tutorials pictures gallery still-life lint \
 	style types imports package clean help
 .DEFAULT_GOAL := help
@@ -72,6 +72,7 @@ fuzz: .venv/holoview.stamp
 bench: .venv/holoview.stamp
 	@bash .ci/adapter
 	$(BIN)/python -m benchmarks.frame_time
+	$(BIN)/python -m benchmarks.ratios
 
 # Not --quiet: it hides warnings from --strict as well.
 docs: .venv/holoview.stamp

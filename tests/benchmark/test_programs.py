@@ -54,6 +54,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "padding_errors": ("--size 64x48 --reference 2",),
     "perceptual_scores": (f"--flip {PICTURE} {PICTURE}" + (f" --vdp {PICTURE}" if find_spec("pycvvdp") else ""),),
     "propagation_precision": ("",),
+    "ratios": ("--size 256x192 --rounds 1 --runs 1 --file {out}/ratios.json --keep",),
     "real_benches": (
         "make {out} --families none --kinds near --size 16",
         "run {out}/none-near-1.json -o {out}/runs.jsonl --options --time 1s --workers 1 --no-display",
