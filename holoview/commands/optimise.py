@@ -13,24 +13,11 @@ from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.bench.experiment.camera_loop import (
-    STEP_RAD,
-    CameraLoopState,
-    ModelUpdates,
-    RigJob,
-    RigOutcome,
-    load_loop_checkpoint,
-    run_on_rig,
-    started_in_model,
-)
-from holoview.bench.experiment.camera_problem import require_camera_settings
-from holoview.bench.experiment.rig_bench import on_rig, system_of_rig
-from holoview.bench.rig import read_rig
 from holoview.commands.arguments import (
     add_fields,
     add_system,
@@ -80,6 +67,7 @@ from holoview.holograms.optimise.parallel import (
     torchrun_group,
 )
 from holoview.holograms.optimise.settings import (
+    CAMERA_STEP_RAD,
     FIELD_LOSS,
     FIELD_LOSS_DOC,
     FIRST_ITERATIONS,
@@ -102,6 +90,9 @@ from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 from holoview.util.processes import Interruption
+
+if TYPE_CHECKING:
+    from holoview.bench.experiment.camera_loop import CameraLoopState, ModelUpdates, RigJob, RigOutcome
 
 _DEFAULTS = Settings()
 _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
@@ -265,7 +256,8 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         default=METHODS[0],
         help="adam: the optimiser's own; double-phase (a closed form) and gerchberg-saxton, to compare with",
     )
-    notes = {"iterations": f"; {FIRST_ITERATIONS} of a film's first picture", "step": f"; {STEP_RAD} with the camera"}
+    step = f"; {CAMERA_STEP_RAD} with the camera"
+    notes = {"iterations": f"; {FIRST_ITERATIONS} of a film's first picture", "step": step}
     add_fields(group, Settings, "iterations", "step", "seed", "begin", notes=notes)
     add_input(group, "--start", metavar="FILE", help="a hologram file whose patterns to begin with")
     group.add_argument(
@@ -540,6 +532,8 @@ def _run_on_rig(args: argparse.Namespace) -> int:
     Whatever ends it early, a signal or a device that fails, the best so far and a checkpoint are kept, and lasers are
     off.
     """
+    from holoview.bench.experiment.camera_loop import RigOutcome, run_on_rig, started_in_model
+
     job, output = _rig_job(args)
     if job.start is None and job.resume is None:
         with deferred_interrupt() as interruption, progress_bar(f"optimising {job.system.name}") as progress:
@@ -575,6 +569,11 @@ def _rig_job(args: argparse.Namespace) -> tuple[RigJob, Path]:
 
     Raises UserError for arguments, files and a rig that don't fit together.
     """
+    from holoview.bench.experiment.camera_loop import RigJob, load_loop_checkpoint
+    from holoview.bench.experiment.camera_problem import require_camera_settings
+    from holoview.bench.experiment.rig_bench import on_rig, system_of_rig
+    from holoview.bench.rig import read_rig
+
     rig = read_rig(args.rig)
     system = on_rig(system_from_args(args, system_of_rig(rig) if _is_same_file(args.preset, args.rig) else None), rig)
     if args.sharded:
@@ -597,7 +596,7 @@ def _rig_job(args: argparse.Namespace) -> tuple[RigJob, Path]:
         stack=_target_source(args, system).build().stack,
         settings=settings,
         options=options,
-        step_rad=STEP_RAD if args.step is None else args.step,
+        step_rad=CAMERA_STEP_RAD if args.step is None else args.step,
         updates=_updates(args),
         start=options.initial_hologram,
     )
@@ -609,6 +608,8 @@ def _updates(args: argparse.Namespace) -> ModelUpdates | None:
         if args.update_effects:
             raise UserError("--update-effects", "without --model-updates", expected="both")
         return None
+    from holoview.bench.experiment.camera_loop import ModelUpdates
+
     return ModelUpdates(args.model_updates, tuple(args.update_effects))
 
 

@@ -59,7 +59,7 @@ from holoview.holograms.optimise.checkpoint import VARIABLE_TENSORS, target_dige
 from holoview.holograms.optimise.hologram_job import IntermediateFiles, RunOptions, nothing_left, optimise_hologram
 from holoview.holograms.optimise.lasers import changes_lasers
 from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation
-from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.settings import CAMERA_STEP_RAD, Settings
 from holoview.holograms.optimise.variables import OptimisationVariables, initial_drive
 from holoview.light.model import preset
 from holoview.light.model.effects.registry import get_effect, listed_effects
@@ -469,9 +469,6 @@ def update_model(
 # --- the whole job on a rig ---
 
 
-STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
-
-
 @dataclass(frozen=True)
 class RigJob:
     """An optimisation on a rig.
@@ -486,7 +483,7 @@ class RigJob:
     stack: NDArray[np.float32]
     settings: Settings
     options: RunOptions
-    step_rad: float = STEP_RAD
+    step_rad: float = CAMERA_STEP_RAD
     updates: ModelUpdates | None = None
     start: Hologram | None = None
     resume: LoopCheckpoint | None = None

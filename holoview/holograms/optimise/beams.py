@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from holoview.holograms.optimise.lasers import Laser
 from holoview.holograms.optimise.memory import CPU_BLOCK_BYTES
+from holoview.holograms.optimise.parallel import ThreadTeam
 from holoview.light.model.passband import Band
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.fourier import PrunedAxis
@@ -38,6 +39,7 @@ from holoview.light.optics.propagate import (
     phase_per_metre,
     phase_wavelength_derivative,
     stopped,
+    support_mask,
 )
 from holoview.light.optics.slm import pixel_spectrum
 
@@ -449,8 +451,7 @@ class TransferFunctions:
         self._flat_gaps: dict[tuple[int, int], FlatView] = {}
         self.planes = self._empty_blocks(self.columns, count, len(plan.planes), len(self._stored_rows))
         self.gap = self._empty_gap(count)
-        for i, λ in enumerate(self.wavelengths):
-            self._fill(i, λ)
+        ThreadTeam(device).map(lambda i: self._fill(i, self.wavelengths[i]), range(count))
         self._free_space: dict[tuple[int, float], Tensor] = {}
         self.illumination = self._all_illumination() if plan.slopes.any() else None
         self.pixel_shapes: tuple[Tensor, Tensor] | None = self._all_pixel_shapes()
@@ -526,36 +527,42 @@ class TransferFunctions:
         """
         self.plan = plan
         for i, λ in enumerate(self.wavelengths):
-            if pupil_with_effects(plan, 1, λ, plan.planes[0].eye) is None:
-                self._stop_planes(i, λ)
-            else:
-                self._fill_planes(i, λ)
+            self._fill_planes(i, λ, self._free_space)
 
-    def _fill_planes(self, i: int, wavelength: int) -> None:
-        """Evaluates H × pupil of the wavelength that is number `i` of those in use, for each plane."""
+    def _fill_planes(self, i: int, wavelength: int, kept: dict[tuple[int, float], Tensor] | None = None) -> None:
+        """Evaluates H × pupil of the wavelength that is number `i` of those in use, for each plane.
+
+        kept: factors of free space at all stored frequencies, used and completed; by default none.
+        """
+        if pupil_with_effects(self.plan, 1, wavelength, self.plan.planes[0].eye) is None:
+            self._stop_planes(i, wavelength, kept)
+            return
         padded = math.prod(self.plan.grid.padded)
         for k in range(len(self.plan.planes)):
             transfer = self.relay_transfer(1, wavelength, k, self._stored_rows).div_(padded)
             for block, columns in zip(self.planes, self.columns, strict=True):
                 block[i, k] = transfer[:, columns]
 
-    def _stop_planes(self, i: int, wavelength: int) -> None:
-        """The same without a pupil function, from the kept factors of free space."""
+    def _stop_planes(self, i: int, wavelength: int, kept: dict[tuple[int, float], Tensor] | None) -> None:
+        """The same without a pupil function: planes with the same stops share these."""
         ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(1))
+        ky = ky[self._stored_rows]
         if 0 in (len(ky), len(kx)):
             return
         before, stops = None, torch.empty(0)
         for k, plane in enumerate(self.plan.planes):
-            transfer = self.plan.transfer(1, wavelength, k)
+            transfer, key = self.plan.transfer(1, wavelength, k), (wavelength, plane.true_m)
             if before is None or not transfer.has_stops_of(before):
                 whole = torch.ones(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
                 stops, before = stopped(whole, transfer, ky, kx).to(self.device), transfer
-            key = (wavelength, plane.true_m)
-            if key not in self._free_space:
-                free = free_space_at(transfer, ky, kx, self.dtype) / math.prod(self.plan.grid.padded)
-                self._free_space[key] = free.to(self.device)
+            free = None if kept is None else kept.get(key)
+            if free is None:
+                free = free_space_at(transfer, ky, kx, self.dtype).div_(math.prod(self.plan.grid.padded))
+                free = free.to(self.device)
+            if kept is not None:
+                kept[key] = free
             for block, columns in zip(self.planes, self.columns, strict=True):
-                torch.mul(self._free_space[key][:, columns], stops[:, columns], out=block[i, k])
+                torch.mul(free[:, columns], stops[:, columns], out=block[i, k])
 
     def _fill(self, i: int, wavelength: int) -> None:
         """Evaluates the transfer functions of the wavelength that is number `i` of those in use."""
@@ -589,8 +596,12 @@ class TransferFunctions:
     def stop_transmittance(self, wavelength: int) -> Tensor:
         """Power transmission of the last relay's stops and pupil without an eye, (frequency_y, frequency_x)."""
         ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(1))
+        stops = self.plan.stops(1, wavelength)
+        passes = support_mask(stops, kx, chosen=ky % len(stops.support))
         pupil = pupil_with_effects(replace(self.plan, nominal=self.plan.nominal.with_(eye=None)), 1, wavelength)
-        return relay_response(self.plan.stops(1, wavelength), ky, kx, pupil, self.dtype).abs().square()
+        return (
+            passes.to(self.dtype.to_real()) if pupil is None else pupil.to(ky.device)[ky][:, kx].abs().square() * passes
+        )
 
     def across_gap(self, wavelength: int) -> Tensor:
         """H × pupil between the modulators, (frequency_y, frequency_x)."""

@@ -11,11 +11,14 @@ of a pixel's diffraction, which no pattern can change.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.parallel import ThreadTeam
 from holoview.light.optics.slm import first_order
 
 Tensor = torch.Tensor
@@ -39,7 +42,6 @@ class EyeboxPenalty:
             blocks.append(matrix.to(model.real_dtype).to(model.device))
         self._rows, self._columns = chosen
         self._row_blocks, self._column_blocks = blocks
-        self._stop_transmittances = {λ: self._stop_transmittance(λ) for λ in {λ for _, λ in model.lasers}}
 
     def block_means(self, amplitudes: Floats) -> Tensor:
         """Mean light E (wavelength, blocks, blocks) for laser amplitudes (frame, wavelength)."""
@@ -85,8 +87,11 @@ class EyeboxPenalty:
     def _first_order(self, laser: int, source: int) -> Tensor:
         return self._model.spectrum(laser, source).whole[self._rows[:, None], self._columns[None, :]]
 
-    def _stop_transmittance(self, wavelength: int) -> Tensor:
-        """Power transmission of the last relay's stops and pupil over the first order, wherever an eye is."""
-        power = self._model.transfer_functions.stop_transmittance(wavelength)
-        power = power.to(self._model.real_dtype).to(self._model.device)
-        return power[self._rows[:, None], self._columns[None, :]]
+    @cached_property
+    def _stop_transmittances(self) -> dict[int, Tensor]:
+        """Power transmission of the last relay's stops and pupil over the first order, of each wavelength in use,
+        wherever an eye is."""
+        model, chosen = self._model, (self._rows[:, None], self._columns[None, :])
+        wavelengths, power = model.transfer_functions.wavelengths, model.transfer_functions.stop_transmittance
+        found = ThreadTeam(model.device).map(lambda λ: power(λ).to(model.device, model.real_dtype)[chosen], wavelengths)
+        return dict(zip(wavelengths, found, strict=True))

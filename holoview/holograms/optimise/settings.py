@@ -255,6 +255,7 @@ class Settings:
 
 
 FIRST_ITERATIONS, NEXT_ITERATIONS = 200, 10
+CAMERA_STEP_RAD = 0.05  # with measured intensities: a hologram that is nearly right isn't thrown away
 """Default of the iterations for the first picture of a film, and for each later one, which then is as good."""
 _NEXT_STEP = 0.4  # of the first picture's step: a full step would undo much of the hologram before
 

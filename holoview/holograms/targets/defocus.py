@@ -10,7 +10,7 @@ is the fraction of the shape's area in that pixel, so that neither width nor shi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -127,7 +127,7 @@ class FftConvolver:
         self._picture = picture
         self._reach = reach
         self._size = [fft.next_fast_len(max(n, reach + 1) + reach, real=True) for n in picture.shape[1:]]
-        self._spectrum: NDArray[np.complex64] | None = None
+        self._spectrum = fft.rfft2(picture, s=self._size) if reach > 0 else None
 
     def convolve(self, blur: NDArray[np.float64]) -> NDArray[np.float32]:
         """The picture convolved with `blur`, of the same shape. Raises ValueError for a kernel wider than `reach`."""
@@ -138,8 +138,6 @@ class FftConvolver:
             return self._picture
         if reach > self._reach:
             raise ValueError(f"kernel reaches {reach} px: expected at most {self._reach}")
-        if self._spectrum is None:
-            self._spectrum = fft.rfft2(self._picture, s=self._size)
         centred = np.zeros(self._size, dtype=np.float32)
         centred[: blur.shape[0], : blur.shape[1]] = blur
         transfer = fft.rfft2(np.roll(centred, (-reach, -reach), axis=(0, 1)))
@@ -206,22 +204,26 @@ def split_layers(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int
     return labels, sums / np.bincount(labels.ravel(), minlength=len(used))
 
 
-def blurred_layer(
-    rgb: NDArray[np.float32], labels: NDArray[np.int64], layer: int, kernels: Sequence[NDArray[np.float64]], reach: int
-) -> tuple[Window, Iterator[NDArray[np.float32]]]:
-    """The window (y, x) of a layer, and there its light and coverage (4, y, x), blurred by each kernel in turn.
+class LayerBlur:
+    """The light and coverage of a layer of a picture, to be blurred by any kernels, in several threads at a time.
 
     rgb: (y, x, 3). labels: (y, x) the layer of each pixel. reach: the largest radius of all layers' kernels.
+    window: where the blurred layer lies (y, x).
     """
-    window = _bounding_window(labels == layer, 2 * reach + 2)
-    content = _inpaint_occluded(rgb[window], labels[window], layer, 2 * reach + 1)
-    picture, shape = FftConvolver(content, reach), (labels.shape[0], labels.shape[1])
 
-    def blur(kernel: NDArray[np.float64]) -> NDArray[np.float32]:
-        share = kernel_share_in_frame(kernel, shape, window)
-        return np.asarray(picture.convolve(kernel) / np.maximum(share, _LEAST_SHARE))
+    def __init__(self, rgb: NDArray[np.float32], labels: NDArray[np.int64], layer: int, reach: int) -> None:
+        self.window = _bounding_window(labels == layer, 2 * reach + 2)
+        content = _inpaint_occluded(rgb[self.window], labels[self.window], layer, 2 * reach + 1)
+        self._picture, self._shape = FftConvolver(content, reach), (labels.shape[0], labels.shape[1])
 
-    return window, map(blur, kernels)
+    def put_over(self, light: NDArray[np.float32], kernel: NDArray[np.float64], window: Window) -> None:
+        """Covers light (4, y, x) in `window`, which holds that of this layer, with the layer blurred by a kernel."""
+        share = kernel_share_in_frame(kernel, self._shape, self.window)
+        over = self._picture.convolve(kernel) / np.maximum(share, _LEAST_SHARE)
+        inner = (slice(a.start - b.start, a.stop - b.start) for a, b in zip(self.window, window, strict=True))
+        part = light[:, *inner]
+        part *= 1 - np.clip(over[-1], 0, 1)
+        part += over
 
 
 def _bounding_window(mask: NDArray[np.bool_], margin: int) -> Window:

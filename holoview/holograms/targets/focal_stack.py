@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.files.image_reader import natural_sort_key, picture_count
-from holoview.holograms.targets.defocus import LightCone, blurred_layer, checked_depth, layer_count, split_layers
+from holoview.holograms.targets.defocus import LayerBlur, LightCone, checked_depth, layer_count, split_layers
 from holoview.holograms.targets.picture import (
     Picture,
     check_saturation,
@@ -47,6 +48,9 @@ from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.files import require_file
 from holoview.util.packages import import_optional
+from holoview.util.processes import process_cpu_count
+
+_MOST_THREADS = 8  # of a stack, which has few planes
 
 
 @dataclass(frozen=True)
@@ -135,16 +139,27 @@ def render_focal_stack(
 def _composite_layers(
     rgb: NDArray[np.float32], labels: NDArray[np.int64], kernels: Sequence[Sequence[NDArray[np.float64]]]
 ) -> NDArray[np.float32]:
-    """The light (plane, channel, y, x) of layers that occlude each other. kernels: of each layer, on each plane."""
-    shape = (labels.shape[0], labels.shape[1])
+    """The light (plane, channel, y, x) of layers that occlude each other. kernels: of each layer, on each plane.
+
+    Planes are computed in threads of their own, and the next layer beside them.
+    """
+    height, width = labels.shape
     reach = max(len(kernel) // 2 for layer in kernels for kernel in layer)
-    total = np.zeros((len(kernels[0]), rgb.shape[-1] + 1, *shape), dtype=np.float32)
-    for layer in reversed(range(len(kernels))):
-        window, blurred = blurred_layer(rgb, labels, layer, kernels[layer], reach)
-        for plane, over in enumerate(blurred):
-            part = total[(plane, slice(None), *window)]
-            part *= 1 - np.clip(over[-1], 0, 1)
-            part += over
+    total = np.zeros((len(kernels[0]), rgb.shape[-1] + 1, height, width), dtype=np.float32)
+    whole = (slice(0, height), slice(0, width))
+    with ThreadPoolExecutor(min(process_cpu_count(), _MOST_THREADS)) as pool:
+        order = list(reversed(range(len(kernels))))
+        waiting = pool.submit(LayerBlur, rgb, labels, order[0], reach)
+        for layer, following in zip(order, [*order[1:], None], strict=True):
+            blur = waiting.result()
+            done = [
+                pool.submit(blur.put_over, light, kernel, whole)
+                for light, kernel in zip(total, kernels[layer], strict=True)
+            ]
+            if following is not None:
+                waiting = pool.submit(LayerBlur, rgb, labels, following, reach)
+            for plane in done:
+                plane.result()
     return np.asarray(total[:, :-1] / np.maximum(total[:, -1:], np.float32(1e-6)))
 
 

@@ -29,9 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.targets.defocus import (
+    LayerBlur,
     LightCone,
     Window,
-    blurred_layer,
     checked_depth,
     layer_count,
     split_layers,
@@ -195,15 +195,12 @@ class MovingPupilTarget:
         reach = max(len(kernel) // 2 for layer in kernels for kernel in layer)
         made: list[list[_Group]] = [[] for _ in self._beams]
         for layers in groups:
-            parts = [blurred_layer(frame, labels, layer, kernels[layer], reach) for layer in layers]
-            window = _union([window for window, _ in parts])
+            blurs = [LayerBlur(frame, labels, layer, reach) for layer in layers]
+            window = _union([blur.window for blur in blurs])
             joined = np.zeros((len(pairs), 4, *(side.stop - side.start for side in window)), dtype=np.float32)
-            for part, blurred in reversed(parts):
-                inner = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(part, window, strict=True))
-                for total, over in zip(joined, blurred, strict=True):
-                    view = total[:, *inner]
-                    view *= 1 - np.clip(over[-1], 0, 1)
-                    view += over
+            for layer, blur in reversed(list(zip(layers, blurs, strict=True))):
+                for light, kernel in zip(joined, kernels[layer], strict=True):
+                    blur.put_over(light, kernel, window)
             joined = joined.reshape(*self._focus_m.shape, *joined.shape[1:])
             depth_m = float(np.mean(distances[layers]))
             for beam, own in zip(self._beams, made, strict=True):
