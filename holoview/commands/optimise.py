@@ -136,9 +136,11 @@ def run(args: argparse.Namespace) -> int:
     options.check_method(settings)
     source = _target_source(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
     aimed = eyes.aimed(system)
-    stack: NDArray[np.float32] | StacksAt | ComplexTarget = target_at_places(source, aimed, pupils)
-    if args.loss == FIELD_LOSS:
-        stack = _complex_target(args, source, aimed)
+    with progress_bar("building the target") as progress:
+        progress(0, 1, "")
+        stack: NDArray[np.float32] | StacksAt | ComplexTarget = target_at_places(source, aimed, pupils)
+        if args.loss == FIELD_LOSS:
+            stack = _complex_target(args, source, aimed)
     with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
         result, interruption = optimise_with_progress(aimed, stack, settings, options, group)
     if not group.is_main:
@@ -390,6 +392,7 @@ def _run_options(args: argparse.Namespace) -> RunOptions:
         checkpoint=checkpoint,
         checkpoint_interval_s=args.checkpoint_every,
         preview=args.preview,
+        compiles_beside=True,
         stop_psnr_db=args.until_psnr,
         time_limit_s=args.time,
     )

@@ -16,3 +16,7 @@ TextCallback = Callable[[str], None]
 
 def no_progress(done: int, total: int, note: str) -> None:
     """A `ProgressCallback` for computations that nobody watches."""
+
+
+def no_text(text: str) -> None:
+    """A `TextCallback` for computations that nobody watches."""

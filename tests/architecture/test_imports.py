@@ -51,6 +51,7 @@ BACKEND = "importing it loads wgpu's backend, which is for `holoview.light.gpu.a
 FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
     ("holoview.holograms.optimise.forward_model", "holoview.holograms.optimise.compiled_model"): OPTIONAL,
+    ("holoview.holograms.optimise.kernel_choice", "holoview.holograms.optimise.compiled_model"): OPTIONAL,
     ("holoview.light.colour", "colour"): SLOW,
     ("holoview.light.engine.backend", "holoview.light.engine.torch_executor"): SLOW,
     ("holoview.light.engine.light_share", "holoview.light.engine.light_behind"): SLOW,
@@ -90,7 +91,6 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.viewer.document.measurements", "scipy"): SLOW,
     ("holoview.viewer.document.measurements", "holoview.holograms.metrics.speckle_measurement"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.solve"): SLOW,
-    ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.forward_model"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.parallel"): SLOW,
     ("holoview.holograms.metrics.speckle", "scipy.special"): SLOW,
     ("holoview.holograms.fields.focus", "scipy.signal"): SLOW,

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.holograms.optimise import forward_model as module
+from holoview.holograms.optimise import kernel_choice as module
+from holoview.holograms.optimise import solve
+from holoview.holograms.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.holograms.optimise.compiled_model import CompiledKernels
-from holoview.holograms.optimise.forward_model import ForwardModel, choose_kernels, will_compile
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.kernel_choice import Compiler, choose_kernels, will_compile
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
@@ -251,3 +254,105 @@ def test_other_devices_than_the_cpu_compute_by_torch(cache_folder: Path) -> None
     assert choose_kernels("cuda:1") is TORCH_KERNELS
     assert not will_compile("cuda")
     assert list(cache_folder.iterdir()) == []
+
+
+# --- compiled beside the first iterations ----------------------------------------------------------------------------
+
+BESIDE = 4
+"""Iterations that torch computes meanwhile, here."""
+
+
+class SlowCompiler:
+    """One that ends when it is waited for."""
+
+    is_done = False
+
+    def wait(self, meanwhile: Callable[[], None]) -> None:
+        meanwhile()
+        self.is_done = True
+
+
+@pytest.fixture
+def slow_compiler(monkeypatch: pytest.MonkeyPatch, compiled: CompiledKernels) -> SlowCompiler:
+    """The kernels are yet to be compiled; `slow_compiler.is_done` says when they are."""
+    slow = SlowCompiler()
+    monkeypatch.setattr(solve, "compiler", lambda: slow)
+    monkeypatch.setattr(solve, "will_compile", lambda device: not slow.is_done)
+    monkeypatch.setattr(solve.Optimiser, "_beside", BESIDE)
+    monkeypatch.setattr("holoview.holograms.optimise.problem.choose_kernels", lambda device: compiled)
+    return slow
+
+
+Run = Callable[..., tuple[list[float], list[Checkpoint]]]
+
+
+@pytest.fixture
+def run(bench: Bench, stack_for: Callable[..., np.ndarray]) -> Run:
+    """The losses of ten iterations beside a compiler, and the checkpoint after each."""
+
+    def losses(
+        resume: Checkpoint | None = None, before: Callable[[int], None] = lambda iteration: None, **arguments: Any
+    ) -> tuple[list[float], list[Checkpoint]]:
+        system, found, kept = bench(), [], []
+        arguments = {"beside": lambda text: None} | arguments
+        for state in solve.iterate(system, stack_for(system), Settings(iterations=10), None, resume, **arguments):
+            found.append(state.loss)
+            kept.append(state.checkpoint())
+            before(state.iteration + 1)
+        return found, kept
+
+    return losses
+
+
+def test_the_first_iterations_are_those_of_torch_and_the_rest_those_of_compiled_kernels(
+    run: Run, slow_compiler: SlowCompiler, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used: list[str] = []
+    evaluate = Problem.evaluate
+    monkeypatch.setattr(
+        Problem, "evaluate", lambda self, *args: used.append(self.model.kernels.name) or evaluate(self, *args)
+    )
+    told: list[str] = []
+    beside, _ = run(beside=told.append)
+    count = BESIDE + 1  # the first iteration evaluates twice
+    assert used[:count] == ["torch"] * count
+    assert set(used[count:]) == {"compiled"}
+    assert slow_compiler.is_done  # it was waited for
+    assert [text.split()[0] for text in told] == ["compiling", "waiting"]
+    # Without `beside` it compiles first: other rounding, which Adam enlarges but little in ten iterations.
+    assert run(beside=None)[0] == pytest.approx(beside, rel=1e-4)
+
+
+def test_the_result_does_not_depend_on_when_the_compiler_ends(run: Run, slow_compiler: SlowCompiler) -> None:
+    late, _ = run()
+    for early in range(1, BESIDE):
+        slow_compiler.is_done = False
+
+        def end(iteration: int, early: int = early) -> None:
+            slow_compiler.is_done = slow_compiler.is_done or iteration == early
+
+        assert run(before=end)[0] == late
+
+
+@pytest.mark.parametrize("interrupted", [1, BESIDE, BESIDE + 2])
+@pytest.mark.parametrize("is_done", [False, True], ids=["still compiling", "compiled meanwhile"])
+def test_it_is_resumed_bit_for_bit(
+    interrupted: int, is_done: bool, run: Run, slow_compiler: SlowCompiler, tmp_path: Path
+) -> None:
+    whole, checkpoints = run()
+    checkpoints[interrupted - 1].save(tmp_path / "run.safetensors")
+    slow_compiler.is_done = is_done
+    assert run(load_checkpoint(tmp_path / "run.safetensors"))[0] == whole[interrupted:]
+
+
+@pytest.mark.explores
+def test_another_process_compiles_and_remembers(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache_folder))
+    monkeypatch.setattr(module, "cache_dir", lambda: cache_folder / "holoview")
+    assert will_compile("cpu")
+    work = Compiler()
+    assert work.is_busy
+    work.wait()
+    assert not work.is_busy
+    assert not will_compile("cpu")
+    assert any((cache_folder / "holoview" / "numba").iterdir())

@@ -24,6 +24,7 @@ The number itself, from patterns to intensities and back, in the order in which 
 forward_model        the plain pair of forward and adjoint; the model that computes it, by hand and by torch's autograd
 propagation          its parts by torch: through the modulators, to a plane, to the image
 beams                frequencies, groups that are computed together, fields as they are stored, transfer functions
+kernel_choice        torch or compiled kernels, the faster on this machine; compiles them in another process
 compiled_model       the parts of `propagation` in compiled passes
 vector_kernels       these passes over fields, each around an FFT
 vector_fft           FFTs of many lines side by side in the processor's vectors, compiled by numba

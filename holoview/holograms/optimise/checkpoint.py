@@ -105,7 +105,8 @@ class CheckpointProgress:
     """How far an optimisation has come.
 
     iteration: the next one. seconds: time spent. best_loss, best_psnr_db: of the smallest loss so far. eyebox: the
-    latest coefficient of variation of the light in the eyebox.
+    latest coefficient of variation of the light in the eyebox. by_torch: how many of the iterations were planned to be
+    computed by torch, while the compiled kernels were being made.
     """
 
     iteration: int
@@ -113,9 +114,10 @@ class CheckpointProgress:
     best_loss: float
     best_psnr_db: float
     eyebox: float
+    by_torch: int = 0
 
     def __post_init__(self) -> None:
-        if self.iteration < 0 or not 0 <= self.seconds < math.inf:
+        if self.iteration < 0 or self.by_torch < 0 or not 0 <= self.seconds < math.inf:
             found = f"iteration {self.iteration} after {self.seconds} s"
             raise UserError("progress", found, expected="numbers of 0 or more")
 

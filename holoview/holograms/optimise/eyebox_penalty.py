@@ -18,7 +18,6 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.optimise.forward_model import ForwardModel
-from holoview.holograms.optimise.parallel import ThreadTeam
 from holoview.light.optics.slm import first_order
 
 Tensor = torch.Tensor
@@ -92,6 +91,5 @@ class EyeboxPenalty:
         """Power transmission of the last relay's stops and pupil over the first order, of each wavelength in use,
         wherever an eye is."""
         model, chosen = self._model, (self._rows[:, None], self._columns[None, :])
-        wavelengths, power = model.transfer_functions.wavelengths, model.transfer_functions.stop_transmittance
-        found = ThreadTeam(model.device).map(lambda λ: power(λ).to(model.device, model.real_dtype)[chosen], wavelengths)
-        return dict(zip(wavelengths, found, strict=True))
+        powers = {λ: model.transfer_functions.stop_transmittance(λ) for λ in model.transfer_functions.wavelengths}
+        return {λ: power.to(model.device, model.real_dtype)[chosen] for λ, power in powers.items()}

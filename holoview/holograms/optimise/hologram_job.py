@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -21,7 +22,7 @@ from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.checkpoint import Checkpoint, IterationState
 from holoview.holograms.optimise.eyes import StacksAt
 from holoview.holograms.optimise.field_loss import ComplexTarget
-from holoview.holograms.optimise.forward_model import will_compile
+from holoview.holograms.optimise.kernel_choice import will_compile
 from holoview.holograms.optimise.memory import with_compact_grid
 from holoview.holograms.optimise.named_methods import METHODS, describe_method, iterate_named
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
@@ -31,7 +32,7 @@ from holoview.light.colour import to_srgb8
 from holoview.light.model.system import System
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.processes import Interruption
-from holoview.util.progress import ProgressCallback, TextCallback, no_progress
+from holoview.util.progress import ProgressCallback, TextCallback, no_progress, no_text
 
 _PREVIEW_INTERVAL_S = 2.0
 _DEFAULT_SETTINGS = Settings()
@@ -47,7 +48,8 @@ class RunOptions:
     device: of torch. sharded: whether the processes that torchrun started share the lasers.
     initial_hologram: the initial patterns are those of this hologram. resume: a checkpoint to continue from.
     checkpoint, preview: files to write; checkpoint_interval_s: least time between two checkpoints.
-    stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
+    compiles_beside: whether torch computes the first iterations ever on a processor while kernels are compiled, with
+    another rounding (`iterate`). stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
     """
 
     method: str = "adam"
@@ -59,6 +61,7 @@ class RunOptions:
     checkpoint: Path | None = None
     checkpoint_interval_s: float = 30.0
     preview: Path | None = None
+    compiles_beside: bool = False
     stop_psnr_db: float = math.inf
     time_limit_s: float = math.inf
 
@@ -107,10 +110,6 @@ class OptimisationResult:
 _DEFAULT_RUN_OPTIONS = RunOptions()
 
 
-def _ignored(text: str) -> None:
-    """A `TextCallback` that drops the text."""
-
-
 def optimise_hologram(
     system: System,
     stack: NDArray[np.float32] | StacksAt | ComplexTarget,
@@ -120,7 +119,7 @@ def optimise_hologram(
     *,
     progress: ProgressCallback = no_progress,
     interruption: Interruption | None = None,
-    tell: TextCallback = _ignored,
+    tell: TextCallback = no_text,
 ) -> OptimisationResult:
     """Runs the optimisation for a focal stack (plane, y, x, 3), a complex target, or drawn places of the pupil.
 
@@ -133,16 +132,19 @@ def optimise_hologram(
     """
     options.check_method(settings)
     start = None if options.initial_hologram is None else options.initial_hologram.drive
-    tell_of_compiling(options.device, tell)
-    simulated = options.simulated(system)
+    beside = cache(tell) if options.compiles_beside else None  # each sentence once
+    if beside is None:
+        tell_of_compiling(options.device, tell)
+    simulated, resume, device = options.simulated(system), options.resume, options.device
+    progress(0 if resume is None else resume.progress.iteration, settings.iterations, "preparing the bench")
     if options.method == "adam":
-        states = iterate(simulated, stack, settings, start, options.resume, device=options.device, team=process_group)
+        states = iterate(simulated, stack, settings, start, resume, device=device, team=process_group, beside=beside)
     else:
         if isinstance(stack, ComplexTarget):
             raise UserError(f"--method {options.method}", "with a complex target", expected="--method adam")
         assert not callable(stack)
         tell(describe_method(options.method, simulated))
-        states = iterate_named(options.method, simulated, stack, settings, start, device=options.device)
+        states = iterate_named(options.method, simulated, stack, settings, start, device=device)
     last = watch(states, options, process_group, progress, interruption or Interruption(), tell)
     if last is None:
         raise nothing_left()

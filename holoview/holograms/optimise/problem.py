@@ -16,7 +16,8 @@ from holoview.holograms.optimise.agreement import AgreementPenalty
 from holoview.holograms.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.holograms.optimise.eyes import Places
 from holoview.holograms.optimise.field_loss import ComplexTarget, FieldEvaluation, check_suits, split_target
-from holoview.holograms.optimise.forward_model import ProcessRows, choose_kernels, make_forward_model
+from holoview.holograms.optimise.forward_model import ProcessRows, make_forward_model
+from holoview.holograms.optimise.kernel_choice import choose_kernels
 from holoview.holograms.optimise.lasers import check_effects, with_only_lasers
 from holoview.holograms.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.holograms.optimise.memory import memory_guard, require_optimisation_memory
@@ -168,18 +169,23 @@ class Problem:
             rows_at_a_time = None if group.size == 1 else _ROWS_TO_SEND
             if whole_planes:
                 rows_at_a_time = plan.grid.shape[0]
-            self.model = make_forward_model(
-                plan,
-                device=device,
-                double=double,
-                rows_at_a_time=rows_at_a_time,
-                kernels=choose_kernels(device) if kernels is None else kernels,
-                threads=team,
+            self._make_model = partial(
+                make_forward_model, device=device, double=double, rows_at_a_time=rows_at_a_time, threads=team
             )
+            self.model = self._make_model(plan, kernels=choose_kernels(device) if kernels is None else kernels)
             self._torch_threads = 1 if self.model.works_in_team else thread_count(samples)
             self._middle_image = torch.empty_like(self.objective.target[0])
             self.eyebox = EyeboxPenalty(self.model)
             self._transmittance_cache: dict[int, tuple[float, float]] = {}
+
+    def change_kernels(self) -> None:
+        """Goes on with the fastest kernels on this machine: the same numbers up to rounding."""
+        plan, kernels = self.model.plan, choose_kernels(str(self.model.device))
+        if kernels is not self.model.kernels:
+            with self.guarded():
+                del self.model, self.eyebox  # frees memory for the next ones
+                self.model = self._make_model(plan, kernels=kernels)
+                self.eyebox = EyeboxPenalty(self.model)
 
     def set_wavelengths(self, wavelengths_m: Floats) -> None:
         """Changes to other wavelengths (wavelength,) on the same grid."""

@@ -23,13 +23,16 @@ from holoview.holograms.optimise.chain_loop import iterate_chain
 from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
 from holoview.holograms.optimise.eyes import DrawnPupils, StacksAt
 from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
+from holoview.holograms.optimise.kernel_choice import compiler, will_compile
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.holograms.optimise.problem import EvaluationRequest, Floats, LossEvaluation, Problem
+from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import NEXT_ITERATIONS, Settings, next_settings
 from holoview.holograms.optimise.variables import OptimisationVariables, PatternVariables, initial_drive
 from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import check_drive
 from holoview.util.errors import UserError
+from holoview.util.progress import TextCallback, no_text
 
 _DEFAULT = Settings()
 _NOTHING_DONE = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
@@ -37,6 +40,7 @@ _DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes, and are 
 _SETTLING = 40
 _WHOLE_EVERY = 10  # iterations of which one takes all planes
 _FEWEST_PLANES = 4  # of which one is drawn by default
+_WORK_BESIDE = 5e8  # samples of a field in a plane, which torch computes in 14 s of a processor, an AMD EPYC's
 LONG_RUN = 80
 """Iterations from which on one plane is drawn by default: in shorter runs noise doesn't average out."""
 
@@ -52,6 +56,7 @@ def iterate(
     device: str = "cpu",
     team: ProcessGroup = SINGLE_PROCESS,
     record: bool = True,
+    beside: TextCallback | None = None,
 ) -> Iterator[IterationState]:
     """Optimises patterns, and laser amplitudes and wavelengths where these are free, for a focal stack.
 
@@ -73,6 +78,9 @@ def iterate(
     device: of torch, "cpu", "cuda", "cuda:1" or "mps".
     team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
     record: repeat iterations that only move patterns as CUDA graphs, on a card that can; False to compare with.
+    beside: where kernels have yet to be compiled for this processor, begin by torch meanwhile, for a number of
+    iterations that the size of the problem alone decides, and then wait if need be; called with what to tell a user,
+    several times a second while it waits, and may raise.    Compile first when None.
 
     Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
     `best`, the `Hologram` of the smallest loss so far of all planes; the latest one where pupils are drawn, since
@@ -95,7 +103,7 @@ def iterate(
                 "optimisation", "goes on or is shared, of a chain of elements", expected="one process, anew"
             )
         return iterate_chain(system, stack, settings, start, device=device)
-    return Optimiser(system, stack, settings, start, resume, device, team, record, done).states()
+    return Optimiser(system, stack, settings, start, resume, device, team, record, done, beside).states()
 
 
 def follow(
@@ -144,16 +152,20 @@ class Optimiser:
         group: ProcessGroup = SINGLE_PROCESS,
         record: bool = True,
         done: int = 0,
+        beside: TextCallback | None = None,
     ) -> None:
         """Arguments and errors as of `iterate`."""
-        self.system, self.settings = system, settings
+        self.system, self.settings, self._tell = system, settings, beside or no_text
         self._drawn = _drawn_pupils(system, settings, stack)
         places, first = (None, stack) if self._drawn is None else self._drawn(0)
         assert not callable(first)
         self.target_digest = target_digest(*split_target(first))
         if resume is not None:
             resume.check_matches(system, settings, self.target_digest, "checkpoint")
-        self.problem = Problem(system, first, settings, device, group, places_m=places)
+        compiles = beside is not None and resume is None and group.size == 1 and will_compile(device)
+        by_torch = compiles or (resume is not None and resume.progress.by_torch > resume.progress.iteration)
+        kernels = TORCH_KERNELS if by_torch else None
+        self.problem = Problem(system, first, settings, device, group, places_m=places, kernels=kernels)
         drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
         check_drive(self.problem.model.plan, drive)
         self.variables = OptimisationVariables(system, settings, drive.to(device))
@@ -161,6 +173,9 @@ class Optimiser:
         self._graphed = None if recorder is None else GraphedStep(self.problem, self.variables.patterns, recorder)
         self._make_best: Callable[[], Hologram] | None = None
         self.progress = replace(_NOTHING_DONE, iteration=done)
+        if compiles:
+            self.progress = replace(self.progress, by_torch=done + self._beside)
+            self._tell(f"compiling for this processor, once, beside the first {self._beside} iterations")
         if resume is not None:
             self._resume(resume)
         elif self.variables.wavelengths_adjusted:
@@ -183,8 +198,12 @@ class Optimiser:
 
     def states(self) -> Iterator[IterationState]:
         """The states as of `iterate`, from the present one on."""
-        started = time.perf_counter() - self.progress.seconds
+        started, by_torch = time.perf_counter() - self.progress.seconds, self.progress.by_torch
         for iteration in range(self.progress.iteration, self.settings.iterations + 1):
+            if iteration == by_torch > 0:
+                self._change_kernels()
+            elif 0 < iteration < by_torch and will_compile(str(self.problem.model.device)):
+                compiler()  # begins once the first picture is there
             if self._drawn is not None and iteration > 0:
                 self.problem.see_from(*self._drawn(iteration))
             with self.problem.guarded():
@@ -205,7 +224,7 @@ class Optimiser:
                 if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
                     self.problem.set_wavelengths(self.variables.wavelengths_m)
             eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
-            self.progress = CheckpointProgress(iteration + 1, time.perf_counter() - started, *best, eyebox)
+            self.progress = CheckpointProgress(iteration + 1, time.perf_counter() - started, *best, eyebox, by_torch)
             yield IterationState(
                 iteration=iteration,
                 iterations=self.settings.iterations,
@@ -218,6 +237,18 @@ class Optimiser:
                 picture=evaluation.picture,
                 checkpoint=self._checkpoint,
             )
+
+    @property
+    def _beside(self) -> int:
+        """How many iterations torch computes in about the time in which another processor compiles."""
+        model = self.problem.model
+        samples = math.prod(model.plan.grid.padded) * len(model.lasers) * model.source_count
+        return max(1, round(_WORK_BESIDE / (samples * len(self.problem.objective.target))))
+
+    def _change_kernels(self) -> None:
+        if will_compile(str(self.problem.model.device)):
+            compiler().wait(lambda: self._tell("waiting for the compiler"))
+        self.problem.change_kernels()
 
     def _evaluate(self, shown: torch.Tensor, iteration: int, request: EvaluationRequest) -> LossEvaluation:
         """The evaluation of an iteration; in the first and the last, amplitudes are solved for before it.

@@ -107,12 +107,18 @@ def kernel_share_in_frame(
     reach = blur.shape[0] // 2
     sums = np.zeros((blur.shape[0] + 1, blur.shape[1] + 1))
     sums[1:, 1:] = blur[::-1, ::-1].cumsum(axis=0).cumsum(axis=1)  # light comes from where the kernel doesn't point
-    (top, bottom), (left, right) = (
-        (np.clip(reach - index, 0, 2 * reach + 1), np.clip(reach + size - index, 0, 2 * reach + 1))
-        for size, index in ((size, np.arange(size)[part]) for size, part in zip(shape, window, strict=True))
+    (top, bottom, rows), (left, right, columns) = (
+        _kernel_limits(np.arange(size)[part], size, reach) for size, part in zip(shape, window, strict=True)
     )
     inside = sums[bottom][:, right] - sums[top][:, right] - sums[bottom][:, left] + sums[top][:, left]
-    return np.asarray(inside, dtype=np.float32)
+    return np.asarray(inside.astype(np.float32)[rows][:, columns])
+
+
+def _kernel_limits(index: NDArray[np.int64], size: int, reach: int) -> tuple[NDArray[np.int64], ...]:
+    """The different parts of a kernel inside an axis: where they begin, end, and which one each pixel `index` has."""
+    limits = [np.clip(edge - index, 0, 2 * reach + 1) for edge in (reach, reach + size)]
+    (begin, end), chosen = np.unique(limits, axis=1, return_inverse=True)
+    return begin, end, chosen.ravel()
 
 
 class FftConvolver:

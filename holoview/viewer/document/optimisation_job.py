@@ -139,7 +139,6 @@ class OptimisationJob(BackgroundJob):
     def run(self, control: JobControl) -> Document:
         """Optimises on the compact grid and returns the best result as a document. Called on the job's thread."""
         control.report(self.request.done, self.request.settings.iterations, "loading the optimiser")
-        from holoview.holograms.optimise.forward_model import will_compile
         from holoview.holograms.optimise.parallel import resolve_torch_device
         from holoview.holograms.optimise.solve import (
             iterate,  # slow start: it imports torch, which a viewer doesn't begin with
@@ -156,10 +155,19 @@ class OptimisationJob(BackgroundJob):
         seen = None if request.compares_fields else target_at_places(target_spec, system, places)
         stack = target_spec.fields_for(system) if seen is None else seen
         start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
-        state, previewed_at, device = None, 0.0, resolve_torch_device(request.device)
-        step = "compiling for this processor, once: about twenty seconds" if will_compile(device) else "first iteration"
-        control.report(request.done, request.settings.iterations, step)
-        for state in iterate(with_compact_grid(system), stack, settings, start, done=request.done, device=device):
+        state, previewed_at, device, simulated = (
+            None,
+            0.0,
+            resolve_torch_device(request.device),
+            with_compact_grid(system),
+        )
+        control.report(request.done, request.settings.iterations, "preparing the bench, first iteration")
+
+        def tell(text: str) -> None:
+            control.report(control.done, control.total, text)
+
+        simulated = with_compact_grid(system)
+        for state in iterate(simulated, stack, settings, start, done=request.done, device=device, beside=tell):
             self._report(control, state)
             is_due = state.iteration % request.preview_every == 0 and monotonic() - previewed_at >= _PREVIEW_INTERVAL_S
             if is_due or state.iteration == request.done:

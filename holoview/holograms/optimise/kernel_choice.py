@@ -1,0 +1,193 @@
+"""Torch or compiled kernels: the faster on this machine, measured once and remembered; compiled beside other work.
+
+Compiling takes some ten seconds of a processor. `Compiler` is another process that does it, and leaves the machine code
+and the choice in the user's cache folder; as a program, this module is that process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels, PlanePropagation
+from holoview.light.model import preset
+from holoview.light.model.plan import make_plan
+from holoview.util.errors import UserError
+from holoview.util.file_writer import write_file
+from holoview.util.files import cache_dir
+from holoview.util.packages import import_optional
+
+_FORMAT = 3
+"""Of the file of choices; to be increased when kernels become faster or slower."""
+_FILE = "optimiser-kernels.json"
+_PRESET, _SHAPE = "holochrome-8", (96, 128)
+_ROUNDS = 5
+_SOURCES = ("compiled_model.py", "vector_fft.py", "vector_kernels.py")
+"""Of what is compiled: where one is another file than before, numba compiles anew."""
+
+
+@cache
+def choose_kernels(device: str) -> Kernels:
+    """The faster kernels for a torch device: compiled ones only on the CPU, and where numba is installed.
+
+    Both are timed when a machine computes its first hologram, and the choice is kept in the user's cache folder.
+    """
+    if torch.device(device).type != "cpu" or find_spec("numba") is None:
+        return TORCH_KERNELS
+    chosen = _remembered_name()
+    if chosen is None:
+        chosen = _faster_name()
+        _remember(chosen)
+    return TORCH_KERNELS if chosen == TORCH_KERNELS.name else _compiled_kernels()
+
+
+def will_compile(device: str) -> bool:
+    """Whether `choose_kernels` has yet to compile and time the kernels for a torch device, which takes seconds."""
+    return torch.device(device).type == "cpu" and find_spec("numba") is not None and _remembered_name() is None
+
+
+def _compiled_kernels() -> Kernels:
+    """Raises UserError if numba can't be loaded."""
+    import_optional("numba", "compiled kernels")
+    from holoview.holograms.optimise.compiled_model import CompiledKernels
+
+    return CompiledKernels()
+
+
+def _faster_name() -> str:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as in a thread of the team
+    try:
+        rivals = (TORCH_KERNELS, _compiled_kernels())
+        seconds = {kernels.name: [_seconds(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
+    except Exception:  # any failure of a compiler on an untried machine
+        return TORCH_KERNELS.name
+    finally:
+        torch.set_num_threads(threads)
+    return min(seconds, key=lambda name: min(seconds[name][1:]))  # the first round compiles
+
+
+def _seconds(kernels: Kernels) -> float:
+    """Processor time of this thread for the loss of a display and its gradient, of equal pixels."""
+    system = preset.load(_PRESET).with_(shape=_SHAPE, propagation="compact", planes=["10 mm", "11 mm"])
+    model = ForwardModel(make_plan(system), kernels=kernels)
+    opd_m = torch.zeros(1, 2, *_SHAPE)
+    target, weights = torch.ones(3, *model.plan.grid.shape), torch.ones(len(model.lasers), 3)
+
+    def evaluate_rows(plane: int, rows: slice, fields: torch.Tensor) -> None:
+        image = kernels.mix(fields, weights)
+        kernels.replace_by_residual(image, target[:, rows], 1.0)
+        kernels.replace_by_adjoint(fields, weights, image)
+
+    def evaluate_lines(plane: int, rows: slice, lines: torch.Tensor, propagation: PlanePropagation) -> None:
+        propagation.evaluate_rows(lines, rows, weights, target, 1.0, None, carry_back=True)
+
+    started = time.thread_time()
+    model.forward(opd_m)
+    model.process_planes([0, 1], evaluate_rows, evaluate_lines, carry_back=True)
+    model.accumulate_gradients(torch.zeros_like(opd_m))
+    return time.thread_time() - started
+
+
+def _key() -> str:
+    """Everything that the times depend on."""
+    versions = [version(library) for library in ("numba", "torch")]
+    files = [Path(__file__).with_name(name).stat() for name in _SOURCES]
+    stamps = [[file.st_mtime_ns, file.st_size] for file in files]
+    return json.dumps([_FORMAT, platform.node(), platform.machine(), *versions, stamps])
+
+
+def _remembered_name() -> str | None:
+    name = _remembered().get(_key())
+    return name if name in (TORCH_KERNELS.name, "compiled") else None
+
+
+def _remembered() -> dict[str, Any]:
+    try:
+        entries = json.loads((cache_dir() / _FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return entries if isinstance(entries, dict) else {}
+
+
+def _remember(name: str) -> None:
+    path = cache_dir() / _FILE
+    with suppress(OSError, UserError):  # a folder that can't be written: the next run measures again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, json.dumps(_remembered() | {_key(): name}, indent=1, sort_keys=True), is_durable=False)
+
+
+# --- in another process -----------------------------------------------------------------------------------------------
+
+
+_POLL_S = 0.2
+
+
+class Compiler:
+    """A process that compiles the kernels, times both, and remembers the choice. It ends with this program."""
+
+    def __init__(self) -> None:
+        package = str(Path(__file__).resolve().parents[3])
+        path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", __name__],
+            stdin=subprocess.PIPE,  # closed when this program ends, however it does
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        weakref.finalize(self, _end, self._process)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the choice may be still to come."""
+        return self._process.poll() is None
+
+    def wait(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Waits until it has ended, and calls `meanwhile` several times a second.
+
+        If it failed, nothing is remembered, and `choose_kernels` compiles.
+        """
+        while self.is_busy:
+            meanwhile()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_POLL_S)
+
+
+@cache
+def compiler() -> Compiler:
+    """The one of this program, which begins when it is first asked for."""
+    return Compiler()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+    assert process.stdin is not None
+    process.stdin.close()
+
+
+def _end_with_parent() -> None:
+    sys.stdin.read()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    choose_kernels("cpu")
