@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,9 @@ def run(args: argparse.Namespace) -> int:
             write_file(args.output, as_csv(axes, rows))
             print_stderr(f"interrupted: {len(rows)} points are in {args.output}; the same command goes on")
             return exit_code_of(error)
+        finally:
+            with suppress(OSError):
+                folder.rmdir()  # if nothing was measured
     _write(args, axes, runner, sweep, found, time.monotonic() - started)
     return 0
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from holoview.commands.arguments import add_changes, number, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
@@ -22,8 +24,13 @@ from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.processes import is_left, last_work_s, wait_for_threads
+from holoview.util.progress import ProgressCallback
 from holoview.viewer.app.serve import CLIENTS, ServeOptions
 from holoview.viewer.page.link import split_link
+
+if TYPE_CHECKING:
+    from holoview.viewer.document.document import Document
+    from holoview.viewer.document.sweeper import SweepRequest, SweptCurve
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
@@ -125,6 +132,7 @@ def run(args: argparse.Namespace) -> int:
         rig=args.rig,
         request=request,
         listen_port=(args.listen_port or 0) if args.listen else None,
+        sweeper=_sweep,
     )
     if request is not None and args.remember:
         remember(names[0], request)
@@ -137,6 +145,15 @@ def run(args: argparse.Namespace) -> int:
         if not is_left():
             wait_for_threads(last_work_s())
     return 0
+
+
+def _sweep(
+    document: Document, request: SweepRequest, report: ProgressCallback, show: Callable[[SweptCurve], None]
+) -> None:
+    """A `Sweeper`."""
+    from holoview.evidence.sweep.in_viewer import sweep_document  # slow start: it imports torch
+
+    sweep_document(document, request, report, show)
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -117,6 +117,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.viewer.app.context", "holoview.viewer.document.rig_session"): SLOW,
     ("holoview.viewer.app.panels.rig", "holoview.viewer.app.rig_controls"): SLOW,
     ("holoview.commands.view", "holoview.bench.experiment.rig_bench"): SLOW,
+    ("holoview.commands.view", "holoview.evidence.sweep.in_viewer"): SLOW,
     ("holoview.viewer.app.run", "glfw"): CHOICE,
     ("holoview.viewer.app.run", "rendercanvas.glfw"): CHOICE,
     ("holoview.viewer.app.run", "holoview.viewer.app.served_canvas"): CHOICE,

@@ -249,6 +249,20 @@ def test_patterns_that_don_t_fit_a_point_are_refused_with_a_remedy(holoview: Hol
     assert load_hologram("h.safetensors").system == system
 
 
+@pytest.mark.parametrize("folder", [None, "kept"])
+def test_a_sweep_that_is_refused_while_it_runs_leaves_no_empty_folder(
+    folder: str | None, holoview: Holoview, tmp_path: Path
+) -> None:
+    points = tmp_path / "s.points"
+    if folder is not None:
+        (points / folder).mkdir(parents=True)
+    outside = ("--region", "0,0,1000,1000", "--measure", "contrast", "-o", tmp_path / "s.csv")
+    outcome = holoview("sweep", *BENCH, "--set", "gap=1mm,2mm", *outside)
+    assert outcome.code == 2 and "region" in outcome.err
+    assert points.exists() == (folder is not None)
+    assert not (tmp_path / "s.csv").exists()
+
+
 def test_axes_take_units_lists_and_tables() -> None:
     gap = parse_axis("gap=1:3mm:5")
     assert gap is not None and gap.values == (1e-3, 1.5e-3, 2e-3, 2.5e-3, 3e-3) and gap.heading == "gap (mm)"

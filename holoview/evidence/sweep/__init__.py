@@ -5,4 +5,5 @@ measures   what is measured of a hologram on a bench, by the functions that the 
 points     the points as jobs of a study: shown as they are, or optimised anew
 tolerance  how far each parameter may be off, by the roots of its curve, and the worst pairs
 results    the points as CSV and as a figure
+in_viewer  sweeps of the document that the viewer shows
 """

@@ -65,9 +65,10 @@ def free_space(
         for low, k, step in zip(lowest, (ky, kx), sine_step, strict=True)
     )
     quadrant = torch.empty(len(sine_y), len(sine_x), dtype=dtype, device=ky.device)
-    for part, y in zip(quadrant.split(_ROWS), sine_y.square().split(_ROWS), strict=True):
-        a = y[:, None] + sine_x.square()
-        part[:] = phasor_of_turns(-waves * a / (1 + torch.sqrt((1 - a).clamp_min(0))))
+    for first in range(0, len(sine_y), _ROWS):
+        rows = slice(first, first + _ROWS)
+        a = sine_y[rows].square()[:, None] + sine_x.square()
+        quadrant[rows] = phasor_of_turns(-waves * a / (1 + torch.sqrt((1 - a).clamp_min(0))))
     return quadrant[ky - lowest[0]][:, kx - lowest[1]]
 
 

@@ -18,6 +18,7 @@ from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.file_loader import FilesToOpen, new_session
 from holoview.viewer.document.received_fields import ReceivedFields
 from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.document.sweeper import Sweeper
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.view_settings import NOW
 
@@ -35,7 +36,7 @@ class LaunchOptions:
     in errors. until_image: whether the viewer ends when its first image is displayed, and prints that. recovers: id of
     the process of a viewer that crashed, whose session is opened if it was saved; None for none. rig: rig.toml of the
     devices to open; None for none. listen_port: where fields of other programs are taken; 0 for a free port, None for
-    not listening.
+    not listening. sweeper: what measures the points of sweeps; None for a viewer without.
     """
 
     system: System
@@ -55,6 +56,7 @@ class LaunchOptions:
     rig: Path | None = None
     request: ReadRequest | None = None
     listen_port: int | None = None
+    sweeper: Sweeper | None = None
 
 
 IMAGE_DISPLAYED = "the first image is displayed"
@@ -78,6 +80,7 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
         with suppress(UserError):  # nothing of it can be read: it is offered, and kept aside then
             crashed = store.take_over(options.recovers)
     session, notes = (crashed, []) if crashed is not None else open_session(options, store)
+    session.sweeper = options.sweeper
     files = FilesToOpen(options.names if crashed is None else (), options.request)
     for note in notes:
         report(f"note: {note}")

@@ -32,14 +32,15 @@ def plot(
     *,
     has_flat_legend: bool = False,
     height_em: float = HEIGHT_EM,
+    takes_input: bool = False,
 ) -> Iterator[bool]:
     """A context that draws a plot over the panel's width with fixed ranges; yields whether it is visible.
 
     legend: its place, where there are no data. has_flat_legend: whether its entries stand beside each other.
-    height_em: its height, in heights of the font.
+    height_em: its height, in heights of the font. takes_input: whether it knows of the mouse.
     """
     size = imgui.ImVec2(-1, height_em * imgui.get_font_size())
-    is_open = implot.begin_plot(f"##{name}", size, _FLAGS | implot.Flags_.no_inputs)
+    is_open = implot.begin_plot(f"##{name}", size, _FLAGS | (0 if takes_input else implot.Flags_.no_inputs))
     try:
         if is_open:
             implot.setup_axes(x_label, y_label, _AXIS, _AXIS)

@@ -40,6 +40,7 @@ from holoview.viewer.document.document import (
     middle_plane,
 )
 from holoview.viewer.document.jobs import JobManager
+from holoview.viewer.document.sweeper import Sweeper
 from holoview.viewer.document.target_builder import TargetBuilder, TargetSpec
 from holoview.viewer.render.scene import Drive, Scene
 from holoview.viewer.render.view_settings import NOW, ComparisonSide, ViewSettings
@@ -54,6 +55,7 @@ class EditingSession:
     drive: patterns (frame, modulator, y, x) in 0…1; random patterns of `seed` when None. wake: may be called on any
     thread. `version` rises with each change. save_problem: why the session isn't saved at present, or "".
     fits_exposure: whether who computes the next picture is to fit the exposure to it, as of a field that was opened.
+    sweeper: what measures the points of a sweep; None where the program that opened the viewer gave none.
 
     Raises UserError when the drive doesn't fit the system.
     """
@@ -92,6 +94,7 @@ class EditingSession:
 
     def _set_up(self, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None]) -> None:
         self.wake, self.version, self.save_problem, self.fits_exposure = wake, 0, "", False
+        self.sweeper: Sweeper | None = None
         self._history, self._looks, self._snapshots = history, LookHistory(), dict(snapshots)
         self._saved = history.present if len(history.steps) == 1 else None
         self._choices = OptimisationChoices()

@@ -16,6 +16,7 @@ from holoview.viewer.app.panels.point import PointPanel, SectionsPanel
 from holoview.viewer.app.panels.recording import RecordingPanel
 from holoview.viewer.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel
 from holoview.viewer.app.panels.speckle import SpecklePanel
+from holoview.viewer.app.panels.sweep import SweepPanel
 from holoview.viewer.app.panels.view_settings import ViewPanel
 
 ALL: tuple[type[Panel], ...] = (
@@ -31,6 +32,7 @@ ALL: tuple[type[Panel], ...] = (
     PointPanel,
     RecordingPanel,
     OptimisePanel,
+    SweepPanel,
     FilesPanel,
     HistoryPanel,
     FocusPanel,
