@@ -341,13 +341,53 @@ def test_without_webgpu_all_holograms_are_seen_and_nothing_is_said_to_be_compute
 
 
 @needs_chromium
-def test_controls_are_large_enough_for_fingers(browser: Browser, written: Written) -> None:
-    """WCAG 2.2, target size: 24 by 24 CSS pixels."""
-    page = open_page(browser, written.eye_page, "", 390, 800)
-    boxes = "all => all.map(each => each.getBoundingClientRect()).map(box => [box.width, box.height])"
-    sizes = [size for size in page.eval_on_selector_all("button, input", boxes) if size[0] > 0]
-    assert len(sizes) > 20 and min(min(size) for size in sizes) >= 24
+@pytest.mark.parametrize(
+    "size", [(390, 800), (320, 640), (740, 360)], ids=["phone", "small phone", "phone on its side"]
+)
+def test_controls_are_large_enough_for_fingers(size: tuple[int, int], browser: Browser, written: Written) -> None:
+    """WCAG 2.2, target size: 24 by 24 CSS pixels, of which none lies under another control."""
+    page = open_page(browser, written.eye_page, "", *size)
+    page.evaluate("() => document.querySelectorAll('details').forEach(each => (each.open = true))")
+    found = page.eval_on_selector_all(
+        "button, input, summary, [tabindex], a[href]",
+        """all => all.filter(each => each.getClientRects().length && !each.closest("p")).map(each => {
+            each.scrollIntoView({ block: "center" })
+            const { left, top, width, height } = each.getBoundingClientRect()
+            const inside = [-11, 11].flatMap(dx => [-11, 11].map(dy => [left + width / 2 + dx, top + height / 2 + dy]))
+            const others = inside.map(([x, y]) => document.elementFromPoint(x, y)?.closest("button, input, summary, a"))
+            const covered = others.filter(other => other && other !== each && !other.contains(each)).length
+            return [each.tagName + " " + (each.id || each.textContent.trim() || each.type), width, height, covered]
+        })""",
+    )
+    assert len(found) > 20
+    assert [each for each in found if min(each[1:3]) < 24 or each[3]] == []
+    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_lasers_are_told_apart_without_their_colours(browser: Browser, written: Written) -> None:
+    """A number in each swatch, readable on its colour (WCAG 1.4.3), and the same numbers in the spectrum."""
+    page = open_page(browser, written.page, "", 900, 800)
+    swatches = page.locator(".laser .swatch").all_inner_texts()
+    assert len(swatches) > 1 and swatches == [str(number + 1) for number in range(len(swatches))]
+    drawn = page.locator("#spectrum text").all_text_contents()
+    assert set(swatches) <= set(drawn) and {"L", "M", "S"} <= set(drawn)
+    colours = page.eval_on_selector_all(
+        ".laser .swatch", "all => all.map(getComputedStyle).map(style => [style.color, style.backgroundColor])"
+    )
+    assert min(_contrast(*pair) for pair in colours) >= 4.5
+    assert browser.close_pages() == []
+
+
+def _contrast(*colours: str) -> float:
+    """The ratio of luminances of two CSS colours "rgb(r, g, b)", as WCAG defines it."""
+    luminances = []
+    for colour in colours:
+        parts = np.array([float(part) for part in re.findall(r"[\d.]+", colour)[:3]]) / 255
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        luminances.append(float(linear @ [0.2126, 0.7152, 0.0722]))
+    return (max(luminances) + 0.05) / (min(luminances) + 0.05)
 
 
 @needs_chromium

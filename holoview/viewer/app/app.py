@@ -22,6 +22,7 @@ from holoview.util.processes import are_same
 from holoview.util.text import printable
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext, Command, Rect
+from holoview.viewer.app.keyboard_focus import OF_WIDGETS, KeyboardFocus
 from holoview.viewer.app.panel import DrawGuard, GuardedPanel, Panel
 from holoview.viewer.app.panels import ALL
 from holoview.viewer.app.readout import add_score_commands
@@ -73,6 +74,13 @@ class App:
         self.panels = [GuardedPanel(panel(), self.context) for panel in panels]
         self.tour = Tour(self.context)
         add_general_commands(self.context)
+        self.keyboard_focus = KeyboardFocus(
+            self.context.show_panel, lambda: [guarded.panel.title for guarded in self.panels], self.window.wake
+        )
+        for name, step, keys in (("Next panel", 1, "F6"), ("Panel before", -1, "Shift+F6")):
+            help = "Gives the keys to its widgets: Tab and arrows move, Space or Enter change, Escape ends."
+            go, has_no_menu = partial(self.keyboard_focus.go, step), lambda: not is_menu_open()
+            self.context.commands.add("Window", name, go, keys, help, is_enabled=has_no_menu, is_urgent=True)
         for guarded in self.panels:
             guarded.panel.set_up(self.context)
         add_score_commands(self.context)
@@ -197,9 +205,11 @@ class App:
         closes the innermost menu; dialogs and help close themselves.
         """
         commands, help_page = self.context.commands, self.context.help_overlay.page
-        is_open = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+        is_open = is_menu_open()
         is_typing = imgui.get_io().want_text_input
-        for command in list(commands.pressed(is_typing=is_typing or is_open)):
+        has_left = not is_open and self.keyboard_focus.begin_frame(is_typing=is_typing)
+        taken = OF_WIDGETS if has_left or self.keyboard_focus.is_on_widget else frozenset()
+        for command in list(commands.pressed(is_typing=is_typing or is_open, taken=taken)):
             if not help_page or command.group == "Help" or command.is_urgent:
                 self.context.attempt(command.action)
         if is_open and not is_typing and imgui.is_key_pressed(imgui.Key.escape, repeat=False):
@@ -498,6 +508,11 @@ def _draw_windows(context: AppContext) -> None:
 
 
 # --- The commands that belong to no panel: undo, redo, random patterns, the still life, quit, help ---
+
+
+def is_menu_open() -> bool:
+    """Whether a menu, a dialog or another popup is open."""
+    return imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
 
 
 def add_general_commands(context: AppContext) -> None:

@@ -9,7 +9,7 @@ all keys, and a palette with search.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Protocol
@@ -116,12 +116,16 @@ class CommandRegistry:
         """Whether a key of a repeating command is held down."""
         return any(chord.is_down() for command in self if command.repeats for chord in command.keys)
 
-    def pressed(self, *, is_typing: bool = False) -> Iterator[Command]:
-        """The enabled commands whose keys were pressed since the last frame. is_typing: only the urgent ones."""
+    def pressed(self, *, is_typing: bool = False, taken: Collection[int] = ()) -> Iterator[Command]:
+        """The enabled commands whose keys were pressed since the last frame.
+
+        is_typing: only the urgent ones. taken: codes of keys that, without modifiers, are for others.
+        """
         for command in self:
             if is_typing and not command.is_urgent:
                 continue
-            if any(chord.was_pressed(command.repeats) for chord in command.keys) and command.is_enabled():
+            keys = [chord for chord in command.keys if chord.code not in taken]
+            if any(chord.was_pressed(command.repeats) for chord in keys) and command.is_enabled():
                 yield command
 
 

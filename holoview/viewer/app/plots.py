@@ -1,4 +1,4 @@
-"""Small plots, and that of the speckle contrast on the retina against the diameter of the pupil."""
+"""Small plots, marks of lasers in them, and the speckle contrast on the retina against the diameter of the pupil."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from holoview.holograms.metrics.speckle import RetinalCurve, independent_patterns
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.theme import laser_colour
 from holoview.viewer.app.widgets import button, tooltip
 from holoview.viewer.document.focus_edits import dioptres_text, pupil_diameter_m
 
@@ -71,6 +72,28 @@ def error_bars(name: str, x: ArrayLike, y: ArrayLike, errors: ArrayLike) -> None
     """Draws a standard error to either side of each value of a line of the same name."""
     spec = implot.Spec(line_color=theme.signal_colour("accent"), line_weight=1.0, size=4.0)
     implot.plot_error_bars(name, _doubles(x), _doubles(y), _doubles(errors), spec)
+
+
+LASER_MARKERS = tuple(
+    getattr(implot.Marker_, name) for name in ("circle", "square", "diamond", "up", "down", "left", "right")
+)
+"""Shapes of the lasers' marks, in turn, so that they differ without their colours."""
+
+
+def laser_mark(index: int, wavelength_m: float, x: float, y: float) -> None:
+    """Marks the laser of an index at a place of the present plot: its colour, a shape of its own, and its number."""
+    ink = imgui.get_style_color_vec4(imgui.Col_.text)
+    spec = implot.Spec(
+        marker=LASER_MARKERS[index % len(LASER_MARKERS)],
+        marker_size=5.0,
+        marker_fill_color=laser_colour(wavelength_m),
+        marker_line_color=ink,
+    )
+    implot.plot_scatter(f"##laser{index}", _doubles([x]), _doubles([y]), spec)
+    implot.push_style_color(implot.Col_.inlay_text, ink)
+    size = imgui.get_font_size()
+    implot.plot_text(str(index + 1), x, y, imgui.ImVec2(0.75 * size, -0.5 * size))
+    implot.pop_style_color()
 
 
 def _doubles(values: ArrayLike) -> NDArray[np.float64]:

@@ -72,7 +72,7 @@ class RigControls:
         _draw_state(context, rig, rig.rig.name)
         imgui.begin_disabled(context.is_read_only)
         _draw_off(context, rig)
-        imgui.begin_child("rig sections")
+        imgui.begin_child("rig sections", child_flags=imgui.ChildFlags_.nav_flattened)
         imgui.begin_disabled(not rig.is_open)
         self.lasers.draw(context, rig.rig)
         self.patterns.draw(context, rig.rig, self._dialog)

@@ -117,6 +117,7 @@ def apply(name: str, text_size: float = 1.0) -> None:
     grab = ((0.24, 0.34, 0.50), (0.26, 0.42, 0.66)) if name == "Dark" else ((0.66, 0.78, 0.93), (0.52, 0.70, 0.93))
     for colour, value in zip((imgui.Col_.slider_grab, imgui.Col_.slider_grab_active), grab, strict=True):
         style.set_color_(colour, imgui.ImVec4(*value, 1.0))  # the value is written across it
+    style.set_color_(imgui.Col_.nav_cursor, signal_colour("accent"))
     ink, pale = ((0.92, 0.93, 0.94), (0.66, 0.68, 0.70)) if name == "Dark" else ((0.08, 0.08, 0.09), (0.36, 0.37, 0.39))
     style.set_color_(imgui.Col_.text, imgui.ImVec4(*ink, 1.0))
     style.set_color_(imgui.Col_.text_disabled, imgui.ImVec4(*pale, 1.0))

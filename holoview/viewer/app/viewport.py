@@ -352,7 +352,9 @@ class PlaneStrip:
         size = tile_size(context.session.document.image_shape, height)
         if size[0] * len(planes) + 6 * len(planes) > available.x:
             size = tile_size(context.session.document.image_shape, height - imgui.get_style().scrollbar_size)
-        imgui.begin_child("strip", imgui.ImVec2(0, 0), 0, imgui.WindowFlags_.horizontal_scrollbar)
+        imgui.begin_child(
+            "strip", imgui.ImVec2(0, 0), imgui.ChildFlags_.nav_flattened, imgui.WindowFlags_.horizontal_scrollbar
+        )
         for plane_m in planes:
             is_focused = abs(plane_m - context.session.view_settings.plane_m) < SAME_PLANE_M
             if self._tiles.draw(plane_m, context.plane_previews.pictures.get(plane_m), size, is_focused):

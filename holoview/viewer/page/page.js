@@ -682,6 +682,9 @@ function drawSpectrum(viewer) {
         const points = []
         for (let nm = low; nm <= high; nm += 3) points.push(`${x(nm).toFixed(1)},${(80 - 76 * rows[nm - PAGE.cones.first_nm][cone]).toFixed(1)}`)
         shape(svg, "polyline", { points: points.join(" "), fill: "none", stroke: colour, "stroke-width": 1.5 })
+        const most = rows.reduce((best, row, at) => (row[cone] > rows[best][cone] ? at : best), 0)
+        const name = shape(svg, "text", { x: x(PAGE.cones.first_nm + most).toFixed(1), y: 13, "font-size": 9, "text-anchor": "middle", fill: "currentColor" })
+        name.textContent = "LMS"[cone]
     })
     const { lasers, powers, wavelengths_m } = lasersOf(viewer.state, viewer.lasersShown())
     wavelengths_m.forEach((λ, i) => {

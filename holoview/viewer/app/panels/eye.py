@@ -13,7 +13,7 @@ from imgui_bundle import imgui, implot
 
 from holoview.light.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
 from holoview.light.model.fields import fields_by_key
-from holoview.viewer.app import theme
+from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import WidgetEdit, draw_fields, number_field
@@ -148,13 +148,15 @@ def handle_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> Non
 
 
 def draw_eyeboxes(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
-    """Draws the edge of each laser's eyebox in its colour; scale: pixels a metre."""
+    """Draws the edge of each laser's eyebox in its colour, with its number; scale: pixels a metre."""
     system, draw_list = context.session.system, imgui.get_window_draw_list()
-    for wavelength in system.wavelengths_m.tolist():
+    for number, wavelength in enumerate(system.wavelengths_m.tolist(), 1):
         half = eyebox_half_m(system, wavelength) * scale
         colour = imgui.get_color_u32(laser_colour(wavelength))
         low, high = imgui.ImVec2(middle.x - half, middle.y - half), imgui.ImVec2(middle.x + half, middle.y + half)
         draw_list.add_rect(low, high, colour, 0, 1.0)
+        width = imgui.calc_text_size(str(number)).x
+        draw_list.add_text(imgui.ImVec2(high.x - width - 2, high.y - imgui.get_font_size()), colour, str(number))
 
 
 def draw_path(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
@@ -214,19 +216,13 @@ def draw_focus_graph(context: AppContext) -> None:
     spec = implot.Spec(line_color=theme.signal_colour("accent"), line_weight=1.5)
     implot.plot_line("##curve", wavelengths_nm, curve * 1e3, spec)
     for index, (wavelength, plane) in enumerate(zip(system.wavelengths_m.tolist(), seen.tolist(), strict=True)):
-        _draw_dot(f"##{index}", wavelength, plane)
+        plots.laser_mark(index, wavelength, wavelength * 1e9, plane * 1e3)
     implot.end_plot()
     context.record_item_rect("focus of wavelengths")
     tooltip(
-        "A dot for each laser: the plane that the eye sees in its light. Grey lines are the focal planes of the bench: "
-        "what they hold is sharp for a laser whose dot lies on them."
+        "A mark with its number for each laser: the plane that the eye sees in its light. Grey lines are the focal "
+        "planes of the bench: what they hold is sharp for a laser whose mark lies on them."
     )
-
-
-def _draw_dot(name: str, wavelength_m: float, plane_m: float) -> None:
-    colour = laser_colour(wavelength_m)
-    spec = implot.Spec(marker=implot.Marker_.circle, marker_size=4, marker_fill_color=colour, marker_line_color=colour)
-    implot.plot_scatter(name, np.array([wavelength_m * 1e9]), np.array([plane_m * 1e3]), spec)
 
 
 # --- the panel --------------------------------------------------------------------------------------------------------

@@ -251,7 +251,7 @@ class HistoryPanel(Panel):
         command_button(context, "Undo", width=width)
         imgui.same_line()
         command_button(context, "Redo", width=width)
-        imgui.begin_child("steps")
+        imgui.begin_child("steps", child_flags=imgui.ChildFlags_.nav_flattened)
         for index, step in enumerate(session.history):
             self._draw_step(context, index, step.label, step.when)
         imgui.end_child()

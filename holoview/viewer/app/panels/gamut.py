@@ -13,10 +13,10 @@ from holoview.light.colour import observer_range_m, observer_weights, to_srgb8, 
 from holoview.light.model.fields import Number
 from holoview.light.model.system import System
 from holoview.light.observers import parse_observer
+from holoview.viewer.app import plots
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import number_field
-from holoview.viewer.app.theme import laser_colour
 from holoview.viewer.app.widgets import combo
 from holoview.viewer.render.view_settings import NOW
 
@@ -50,7 +50,7 @@ class GamutPanel(Panel):
         self._draw_cloud(context)
         _plot_outline("lasers", laser_gamut(system), _LASER_LINE, 2.0)
         for index, (x, y) in enumerate(laser_chromaticities(system)):
-            _dot(f"##laser{index}", x, y, laser_colour(float(system.wavelengths_m[index])), 5)
+            plots.laser_mark(index, float(system.wavelengths_m[index]), x, y)
         _dot("##white", *D65_XY, imgui.ImVec4(1, 1, 1, 1), 3)
         implot.end_plot()
 

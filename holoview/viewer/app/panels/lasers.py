@@ -103,6 +103,9 @@ class LasersPanel(Panel):
         moved, x, y, _, hovered, held = implot.drag_point(
             index, nm, height, colour, 6.0, 0, out_clicked=False, out_hovered=False, out_held=False
         )
+        implot.push_style_color(implot.Col_.inlay_text, imgui.get_style_color_vec4(imgui.Col_.text))
+        implot.plot_text(str(index + 1), nm, height, imgui.ImVec2(0.8 * imgui.get_font_size(), 0))
+        implot.pop_style_color()
         pixel = implot.plot_to_pixels(nm, height)
         context.item_rects[f"laser {index}"] = (pixel.x - 6, pixel.y - 6, pixel.x + 6, pixel.y + 6)
         if hovered and not held:
@@ -138,7 +141,7 @@ class LasersPanel(Panel):
         if not imgui.begin_table("lasers", 4, flags):
             return
         imgui.table_setup_scroll_freeze(0, 1)
-        for name, weight in (("", 0.25), ("nm", 1.0), ("power", 1.0), ("solo mute", 1.0)):
+        for name, weight in (("", 0.4), ("nm", 1.0), ("power", 1.0), ("solo mute", 1.0)):
             imgui.table_setup_column(name, imgui.TableColumnFlags_.width_stretch, weight)
         imgui.table_headers_row()
         for index in range(len(system.wavelengths_m)):
@@ -152,6 +155,8 @@ class LasersPanel(Panel):
         nm, view = float(system.wavelengths_m[index]) * 1e9, context.session.view_settings
         imgui.table_next_column()
         imgui.color_button("##colour", laser_colour(nm * 1e-9), imgui.ColorEditFlags_.no_tooltip, imgui.ImVec2(14, 14))
+        imgui.same_line(spacing=3)
+        imgui.text(str(index + 1))
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_RANGE_NM, "%.5g")

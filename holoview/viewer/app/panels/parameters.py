@@ -229,7 +229,7 @@ class EffectsPanel(Panel):
         tip = f"{len(system.effects)} of {len(effects)} are switched on."
         if button(context, "All off", tip, width=-1, is_enabled=bool(system.effects)):
             self._switch_off(context)
-        imgui.begin_child("effects")
+        imgui.begin_child("effects", child_flags=imgui.ChildFlags_.nav_flattened)
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.5)
         for location, group in _by_place(self._found(effects.values())).items():
             imgui.separator_text(location)
