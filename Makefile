@@ -7,6 +7,7 @@
 # make package  build the source distribution and the wheel into dist/
 # make wheel  build the wheel, install it alone elsewhere and use it
 # make docs   build the manual as a site, out/site/index.html
+# make docs PAGE=docs/viewer.md   build this page anew into the site that is there, in seconds
 # make tutorials  run the tutorials and write what they print and draw into their pages
 # make pictures  draw the manual's pictures of the viewer anew, on an idle machine, whose times they show, and its figures
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
@@ -76,8 +77,12 @@ bench: .venv/holoview.stamp
 
 # Not --quiet: it hides warnings from --strict as well.
 docs: .venv/holoview.stamp
+ifdef PAGE
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m docs._hooks.one_page $(PAGE)
+else
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo "out/site/index.html: open it, or serve it for its search: $(BIN)/python -m http.server -d out/site"
+endif
 
 tutorials: .venv/holoview.stamp
 	@bash .ci/adapter

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import time
+from collections.abc import Iterator
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
@@ -12,7 +13,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.nav import Navigation
 from mkdocs.structure.pages import Page
 
-from docs._hooks import links, live, reference, repository
+from docs._hooks import links, live, one_page, reference, repository
 
 _HOST = r'"((?:https?:)?//[^"]+)"'
 _LOADED = re.compile(
@@ -58,22 +59,29 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds the pages that are made."""
-    made = {**reference.modules(), reference.PYTHON: reference.python()}
-    _LOG.info("asking every command for its help …")
-    made[reference.COMMAND_LINE] = reference.command_line()
-    for page, text in made.items():
+    """Adds the pages that are made; where one page alone is built, without what takes long."""
+    only = config.extra.get(one_page.ONLY)
+    for page, text in _made() if only is None else one_page.made_before():
         files.append(File.generated(config, page, content=text))
-    _LOG.info("computing the live holograms …")
-    for page, html in live.pages().items():
-        files.append(File.generated(config, page, content=html))
     for path in repository.mirrored():
         page, content = repository.page_of(path), repository.content_of(path)
         if content is None:
             files.append(File.generated(config, page, abs_src_path=str(repository.ROOT / path)))
         else:
             files.append(File.generated(config, page, content=content))
+    if only is not None:
+        one_page.keep_others(files, only)
     return files
+
+
+def _made() -> Iterator[tuple[str, str]]:
+    """The pages of the reference and the live holograms, with their contents."""
+    yield from reference.modules().items()
+    yield reference.PYTHON, reference.python()
+    _LOG.info("asking every command for its help …")
+    yield reference.COMMAND_LINE, reference.command_line()
+    _LOG.info("computing the live holograms …")
+    yield from live.pages().items()
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
