@@ -54,6 +54,19 @@ def test_brightness_and_colours_are_those_of_the_full_image(device: Device) -> N
         assert quick == pytest.approx(full, rel=0.01)
 
 
+@pytest.mark.parametrize("laser", [0, 1, 2])
+def test_brightness_follows_the_powers_of_lasers(laser: int, device: Device) -> None:
+    """Exactly, since the light of each laser is known: what stays is rounding of f32 sums."""
+    system = small_bench()
+    renderer, drive = ProgressiveRenderer(device), random_drive(system, seed=4)
+    _means(renderer, Scene(system, drive, 1e-2))
+    for factor in (0.2, 0.1, 0.0, 3.0):
+        amplitudes = system.amplitudes.copy()
+        amplitudes[:, laser] *= factor
+        quick, full = _means(renderer, Scene(system.with_(amplitudes=amplitudes), drive, 1e-2))
+        assert quick == pytest.approx(full, rel=1e-3), factor
+
+
 def test_other_patterns_and_another_gap_have_a_brightness_of_their_own(device: Device) -> None:
     system = small_bench()
     renderer, drive = ProgressiveRenderer(device), random_drive(system, seed=4)

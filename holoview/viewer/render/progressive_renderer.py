@@ -89,6 +89,7 @@ class ProgressiveRenderer:
         self._quick_scene: Scene | None = None
         self._gain_key: Inputs = ()  # what the gain was measured for
         self._is_gain_old = False  # whether it is measured before the next quick frame is shown
+        self._unit_means: NDArray[np.float64] | None = None  # of the last full frame, see `_follow_powers`
         self._downloads: dict[str, NDArray[np.float32]] = {}  # of the present picture
 
     @property
@@ -300,7 +301,9 @@ class ProgressiveRenderer:
         assert renderer is not None and self._requested is not None
         self._version += 1
         self._downloads.clear()
-        if is_quick and self._is_gain_old:
+        if is_quick and self.full_scene is not None and _differ_in_powers_alone(self.full_scene, self._requested):
+            self._follow_powers(renderer, self._requested)
+        elif is_quick and self._is_gain_old:
             self._foresee_brightness(renderer, self._requested)
         gain = self.quick_gain if is_quick else (1.0, 1.0, 1.0)
         self.picture = DeviceImage(renderer.xyz_buffer, renderer.compositor.shape, is_quick, self._version, gain)
@@ -309,7 +312,7 @@ class ProgressiveRenderer:
             self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
             return
         self._stage = "settle" if renderer.pending_count(with_srgb=False) else "done"
-        self._follows_quick_frame, self.full_scene = False, self._requested
+        self._follows_quick_frame, self.full_scene, self._unit_means = False, self._requested, None
         self._compare_brightness()
 
     def _foresee_brightness(self, quick: IncrementalRenderer, scene: Scene) -> None:
@@ -338,6 +341,24 @@ class ProgressiveRenderer:
         x, y, z = gains.tolist()
         self._gain_key, self.quick_gain = _gain_key(scene), (x, y, z)
 
+    def _follow_powers(self, quick: IncrementalRenderer, scene: Scene) -> None:
+        """Finds the gain of a quick frame whose lasers' powers alone are others than in the last full frame.
+
+        The mean light of each laser at unit power is known from there; that of lasers that were off is interpolated.
+        """
+        assert self._full is not None
+        system, shown = scene.system, quick.xyz().mean(axis=(0, 1), dtype=np.float64)
+        if self._unit_means is None:
+            powers = self._full.system.amplitudes.sum(axis=0)
+            lit = np.flatnonzero(powers > 0)
+            lit = lit[np.argsort(system.wavelengths_m[lit])]
+            found = [self._full.intensity(int(laser)).mean(dtype=np.float64) / powers[laser] for laser in lit]
+            self._unit_means = np.interp(system.wavelengths_m, system.wavelengths_m[lit], found)
+        light = system.amplitudes.sum(axis=0) * self._unit_means
+        if shown.all():
+            x, y, z = (light @ observer_weights(system.observer, system.wavelengths_m) / shown).tolist()
+            self._gain_key, self.quick_gain = _gain_key(scene), (x, y, z)
+
     def _compare_brightness(self) -> None:
         """Measures the ratios of the mean X, Y and Z of a full frame and of the quick one before it."""
         assert self._requested is not None
@@ -353,6 +374,14 @@ def _gain_key(scene: Scene) -> Inputs:
     """What the share of the light that leaves the image depends on most."""
     system = scene.system
     return scene.drive, system.modulators, system.sampling, system.gap_m, system.eye
+
+
+def _differ_in_powers_alone(one: Scene, other: Scene) -> bool:
+    """Whether two scenes differ in the powers of the lasers alone: in neither patterns, bench nor plane."""
+    if one.drive is not other.drive or one.plane_m != other.plane_m or one.system == other.system:
+        return False
+    amplitudes = other.system.amplitudes
+    return amplitudes.shape == one.system.amplitudes.shape and one.system.with_(amplitudes=amplitudes) == other.system
 
 
 # --- the simplified system ---
