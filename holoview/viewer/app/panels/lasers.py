@@ -27,6 +27,10 @@ _MAX_LASERS = 32
 _NAME_HEIGHT = 1.08  # of the cones' names in the plot, above the curves, whose maximum is 1
 
 
+_BLACK, _WHITE = 0xFF000000, 0xFFFFFFFF  # a number on a laser's colour
+_BRIGHT = 0.45  # luma above which black is read better
+
+
 class LasersPanel(Panel):
     """Edits wavelengths and amplitudes of the lasers; amplitudes are called powers in the window."""
 
@@ -141,7 +145,7 @@ class LasersPanel(Panel):
         if not imgui.begin_table("lasers", 4, flags):
             return
         imgui.table_setup_scroll_freeze(0, 1)
-        for name, weight in (("", 0.4), ("nm", 1.0), ("power", 1.0), ("solo mute", 1.0)):
+        for name, weight in (("", 0.25), ("nm", 1.0), ("power", 1.0), ("solo mute", 1.0)):
             imgui.table_setup_column(name, imgui.TableColumnFlags_.width_stretch, weight)
         imgui.table_headers_row()
         for index in range(len(system.wavelengths_m)):
@@ -154,9 +158,13 @@ class LasersPanel(Panel):
     def _draw_row(self, context: AppContext, system: System, index: int) -> None:
         nm, view = float(system.wavelengths_m[index]) * 1e9, context.session.view_settings
         imgui.table_next_column()
-        imgui.color_button("##colour", laser_colour(nm * 1e-9), imgui.ColorEditFlags_.no_tooltip, imgui.ImVec2(14, 14))
-        imgui.same_line(spacing=3)
-        imgui.text(str(index + 1))
+        colour, side = laser_colour(nm * 1e-9), 1.2 * imgui.get_font_size()
+        imgui.color_button("##colour", colour, imgui.ColorEditFlags_.no_tooltip, imgui.ImVec2(side, side))
+        low, number = imgui.get_item_rect_min(), str(index + 1)
+        ink = _BLACK if 0.30 * colour.x + 0.59 * colour.y + 0.11 * colour.z > _BRIGHT else _WHITE
+        size = imgui.calc_text_size(number)
+        place = imgui.ImVec2(low.x + (side - size.x) / 2, low.y + (side - size.y) / 2)
+        imgui.get_window_draw_list().add_text(place, ink, number)
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_RANGE_NM, "%.5g")
