@@ -26,9 +26,9 @@ from holoview.viewer.document.exports import (
     save_pupil_sheet,
     save_sweep,
     save_view,
-    scale_bar_length,
 )
 from holoview.viewer.document.file_loader import target_from_image_bytes
+from holoview.viewer.document.legend import scale_bar_length
 from holoview.viewer.document.optimisation_job import NAMES as SIDES
 from holoview.viewer.document.optimisation_job import start_scheme_comparison
 from holoview.viewer.document.target_builder import TargetSpec

@@ -227,15 +227,16 @@ class App:
 
     def _measure(self) -> None:
         """Requests measurements of the newest full image, if a panel showed measurements in this frame."""
-        renderers = self.context.side_renderers
-        xyz = renderers.xyz(NOW) if self.context.wants_measurement else None
-        if xyz is None:
+        images = self.context.shown_images() if self.context.wants_measurement else []
+        if not images:
             return
-        document, target = self.session.displayed_document, self.session.target_at()
-        inputs = (xyz, document.measured_region, document.view_settings.profile, target)
+        document, (now, *others) = self.session.displayed_document, images
+        marks = (document.measured_region, document.measured_regions, document.view_settings.profile)
+        inputs = (*marks, *(part for image in images for part in (image.name, image.xyz, image.target)))
         if not are_same(inputs, self._measured):
             self._measured = inputs
-            self.context.live_measurement.request(document, xyz, target, renderers.now.luminances())
+            luminances = self.context.side_renderers.now.luminances()
+            self.context.live_measurement.request(document, now.xyz, now.target, luminances, others)
 
     def _update_requests(self) -> None:
         """Asks the renderers for what the session shows now, if it has changed; at first that of the files to open."""

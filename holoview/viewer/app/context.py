@@ -26,7 +26,7 @@ from holoview.viewer.app.window import Window
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.file_loader import FileLoader, most_samples_for
 from holoview.viewer.document.focus_edits import PupilMotion
-from holoview.viewer.document.measurements import LimitNotes, LiveMeasurement, LiveScore
+from holoview.viewer.document.measurements import LimitNotes, LiveMeasurement, LiveScore, ShownImage
 from holoview.viewer.document.optimisation_job import RetinalCurves
 from holoview.viewer.document.received_fields import ReceivedFields
 from holoview.viewer.document.recording_edits import RecordingEditor
@@ -35,6 +35,7 @@ from holoview.viewer.render.page_images import PageImages
 from holoview.viewer.render.planes import PlanePreviews
 from holoview.viewer.render.point_probe import PointProbe
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer, SideRenderers
+from holoview.viewer.render.view_settings import NOW, TARGET
 
 if TYPE_CHECKING:
     from holoview.viewer.document.rig_session import RigSession
@@ -338,6 +339,17 @@ class AppContext:
     def has_old_figures(self) -> bool:
         """Whether figures are those of an earlier image than the one that is asked for."""
         return self.side_renderers.now.is_busy or self.live_measurement.is_busy
+
+    def shown_images(self) -> list[ShownImage]:
+        """The full images that are shown: that of the document, then those compared with it; none before the first."""
+        session, view = self.session, self.session.view_settings
+        now = self.side_renderers.xyz(NOW)
+        images = [] if now is None else [ShownImage(session.document.title, now, session.target_at())]
+        for side in dict.fromkeys((view.a, view.b)) if images and view.compare != "off" else ():
+            other = None if side in (NOW, TARGET) else self.side_renderers.xyz(side)
+            if other is not None:
+                images.append(ShownImage(side.label, other, session.target_for(side)))
+        return images
 
     @property
     def rig(self) -> RigSession:

@@ -14,7 +14,7 @@ from holoview.light.model.fields import Array, Choice, Coefficients, Integer, Ne
 from holoview.light.model.stops import APERTURE, CentreField, SquareField, SquareStop
 from holoview.util import units
 from holoview.viewer.app.context import AppContext
-from holoview.viewer.app.widgets import combo, tooltip
+from holoview.viewer.app.widgets import combo, fine_slider, fine_slider_int, is_item_held, tooltip
 
 _RESET_MULTIPLE = 3.0  # the limit of a slider, as a multiple of the value that a right click restores
 _MAX_RATIO = 1000.0  # of the limits of a kind, up to which a slider covers its whole range
@@ -71,10 +71,10 @@ def _list_field(p: ListParameter, value: Any) -> WidgetEdit | None:
 def count_field(name: str, kind: Integer, value: int, reset: int, doc: str) -> WidgetEdit | None:
     """Draws a slider for an integer; see `number_field`."""
     high = min(kind.high, max(4, 2 * reset))
-    changed, shown = imgui.slider_int(name, value, kind.low, high)
+    changed, shown = fine_slider_int(name, value, kind.low, high)
     if _tooltip_and_reset(f"{doc}\nfrom {kind.low} to {kind.high}; right click: back to {reset}"):
         return WidgetEdit(reset, False)
-    return WidgetEdit(int(shown), imgui.is_item_active()) if changed else None
+    return WidgetEdit(int(shown), is_item_held()) if changed else None
 
 
 def choice_field(name: str, kind: Choice, value: str, doc: str) -> WidgetEdit | None:
@@ -118,12 +118,10 @@ def _slider(
 ) -> WidgetEdit | None:
     low, high = (limit * scale.factor for limit in span)
     text = f"%.4g {scale.unit.replace('um', 'µm')}".strip()
-    changed, shown = imgui.slider_float(
-        name, value * scale.factor, low, high, text, imgui.SliderFlags_.no_round_to_format
-    )
+    changed, shown = fine_slider(name, value * scale.factor, low, high, text, imgui.SliderFlags_.no_round_to_format)
     if _tooltip_and_reset(note):
         return WidgetEdit(reset, False)
-    return WidgetEdit(_rounded(shown) / scale.factor, imgui.is_item_active()) if changed else None
+    return WidgetEdit(_rounded(shown) / scale.factor, is_item_held()) if changed else None
 
 
 def _rounded(shown: float) -> float:

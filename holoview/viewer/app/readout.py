@@ -12,10 +12,15 @@ from numpy.typing import NDArray
 from holoview.holograms.metrics.perceptual_scores import PERCEPTUAL_SCORES, installed_scores, samples_per_degree
 from holoview.util.text import printable
 from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.viewport import Viewport
 from holoview.viewer.app.widgets import pale, tooltip, wrapped_text
+from holoview.viewer.document.document import Document
+from holoview.viewer.document.legend import MAX_BAR_FRACTION, ColourBar, channel_colours, legend_lines, scale_bar
 from holoview.viewer.document.measurements import ImageScore, difference_db, image_psnr_db, sample_pixel
 from holoview.viewer.render.page_images import SeenField
 from holoview.viewer.render.view_settings import DERIVED_PAGES, NOW, TARGET, ViewSettings, displayed_side
+
+_DARK, _WHITE = imgui.IM_COL32(0, 0, 0, 170), imgui.IM_COL32(255, 255, 255, 255)
 
 
 def draw_readout(context: AppContext, position: tuple[float, float] | None) -> None:
@@ -155,8 +160,49 @@ def draw_label(draw_list: imgui.ImDrawList, text: str, position: imgui.ImVec2) -
     size = imgui.calc_text_size(text)
     low = imgui.ImVec2(position.x - 4, position.y - 2)
     high = imgui.ImVec2(position.x + size.x + 4, position.y + size.y + 2)
-    draw_list.add_rect_filled(low, high, imgui.IM_COL32(0, 0, 0, 170), 3)
-    draw_list.add_text(position, imgui.IM_COL32(255, 255, 255, 255), text)
+    draw_list.add_rect_filled(low, high, _DARK, 3)
+    draw_list.add_text(position, _WHITE, text)
+
+
+_NOTE_MARGIN_PX, _BAR_PX, _COLOUR_BAR_PX = 10.0, 4.0, 128.0
+
+
+def draw_notes(draw_list: imgui.ImDrawList, document: Document, picture: Viewport) -> None:
+    """Draws the scale bar and the legend that the view settings ask for, at the lower left of an image."""
+    view, line_px = document.view_settings, imgui.get_text_line_height_with_spacing()
+    left, y = picture.corner.x + _NOTE_MARGIN_PX, picture.end.y - _NOTE_MARGIN_PX - line_px
+    for line in reversed(legend_lines(document) if view.has_legend else []):
+        draw_label(draw_list, line, imgui.ImVec2(left, y))
+        y -= line_px
+    bar = channel_colours(view) if view.has_legend else None
+    if bar is not None:
+        _draw_colours(draw_list, bar, imgui.ImVec2(left, y))
+        y -= line_px
+    if view.has_scale_bar:
+        end, columns = picture.to_screen(*picture.shape[::-1]), picture.shape[1]
+        px_per_sample = (end.x - picture.to_screen(0, 0).x) / columns
+        seen = picture.size[0] / len(picture.panes) / px_per_sample  # samples
+        length = scale_bar(document, MAX_BAR_FRACTION * min(seen, columns))
+        width = length.samples * px_per_sample
+        low = imgui.ImVec2(left, y + line_px / 2 - _BAR_PX)
+        draw_list.add_rect_filled(
+            imgui.ImVec2(low.x - 2, low.y - 2), imgui.ImVec2(low.x + width + 2, low.y + _BAR_PX + 2), _DARK
+        )
+        draw_list.add_rect_filled(low, imgui.ImVec2(low.x + width, low.y + _BAR_PX), _WHITE)
+        draw_label(draw_list, length.text, imgui.ImVec2(low.x + width + 10, y))
+
+
+def _draw_colours(draw_list: imgui.ImDrawList, bar: ColourBar, place: imgui.ImVec2) -> None:
+    """Draws the colours of a channel between the values of the first and the last."""
+    low, high = f"{bar.low:.3g}", f"{bar.high:.3g}"
+    draw_label(draw_list, low, place)
+    x = place.x + imgui.calc_text_size(low).x + 8
+    step, height = _COLOUR_BAR_PX / len(bar.colours), imgui.get_text_line_height()
+    for number, (red, green, blue) in enumerate(bar.colours.tolist()):
+        start = imgui.ImVec2(x + number * step, place.y)
+        end = imgui.ImVec2(x + (number + 1) * step, place.y + height)
+        draw_list.add_rect_filled(start, end, imgui.IM_COL32(red, green, blue, 255))
+    draw_label(draw_list, high, imgui.ImVec2(x + _COLOUR_BAR_PX + 8, place.y))
 
 
 def waiting_text(context: AppContext, view: ViewSettings) -> str:

@@ -29,6 +29,7 @@ from holoview.viewer.app.widgets import (
     coloured,
     combo,
     command_button,
+    fine_slider,
     pale,
     share_of_width,
     tooltip,
@@ -130,7 +131,7 @@ class LaserSection:
         """Draws the power and the switches."""
         imgui.separator_text("Lasers")
         power = rig.limits.power if self.power is None else self.power
-        changed, value = imgui.slider_float("power", power, 0.0, rig.limits.power, "%.3f")
+        changed, value = fine_slider("power", power, 0.0, rig.limits.power, "%.3f")
         context.record_item_rect("power")
         tooltip(f"Relative; [limits] in rig.toml allows up to {rig.limits.power:g}.")
         self.power = value if changed else self.power
@@ -167,10 +168,10 @@ class PatternSection:
         imgui.separator_text("Pattern")
         self.kind = combo("##kind", self.kind, _KINDS)
         if self.kind == "random":
-            _, self.sigma_px = imgui.slider_float("smooth", self.sigma_px, 0.0, _MAX_BLUR_PX, "%.1f px")
+            _, self.sigma_px = fine_slider("smooth", self.sigma_px, 0.0, _MAX_BLUR_PX, "%.1f px")
             tooltip("Standard deviation of the blur, in pixels of the modulator.")
         elif self.kind == "flat":
-            _, self.share = imgui.slider_float("level", self.share, 0.0, 1.0, "%.2f of the stroke")
+            _, self.share = fine_slider("level", self.share, 0.0, 1.0, "%.2f of the stroke")
         if button(context, "Send", width=-1, name="send"):
             context.attempt(self._send, context, rig, dialog)
         sent = context.rig.state.pattern
@@ -230,7 +231,7 @@ class DeviceSection:
         imgui.separator_text("Stage")
         low, high = (1e3 * z for z in rig.limits.stage_m)
         target = low if self.target_m is None else 1e3 * self.target_m
-        changed, value = imgui.slider_float("##stage", target, low, high, "%.3f mm")
+        changed, value = fine_slider("##stage", target, low, high, "%.3f mm")
         context.record_item_rect("stage")
         self.target_m = 1e-3 * value if changed else self.target_m
         imgui.same_line()
@@ -252,7 +253,7 @@ class DeviceSection:
         low, high = (1e3 * s for s in rig.limits.exposures_s)
         shown = 1e3 * (self.exposure_s or session.state.exposure_s or rig.limits.exposures_s[0])
         flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.no_round_to_format
-        changed, value = imgui.slider_float("exposure", shown, low, high, "%.3f ms", flags)
+        changed, value = fine_slider("exposure", shown, low, high, "%.3f ms", flags)
         context.record_item_rect("exposure")
         self.exposure_s = 1e-3 * value if changed else self.exposure_s
         if imgui.is_item_deactivated_after_edit() and self.exposure_s is not None:
@@ -414,7 +415,7 @@ class CameraPanes:
             spans = {f"±{span:g} σ": span for span in _SPANS}
             picture.span_sigmas = spans[combo("##span", f"±{picture.span_sigmas:g} σ", tuple(spans))]
         else:
-            _, picture.stops = imgui.slider_float("##stops", picture.stops, -4.0, 8.0, "%.1f stops")
+            _, picture.stops = fine_slider("##stops", picture.stops, -4.0, 8.0, "%.1f stops")
             tooltip("Brightens both pictures alike, on the screen only.")
 
 

@@ -101,6 +101,7 @@ class Viewport:
         self.corner, self.size, self.shape = imgui.ImVec2(0, 0), (1, 1), (1, 1)
         self.visible_area: VisibleArea | None = None
         self._texture_size, self._scale = (0, 0), 1.0  # pixels of the texture; for each logical one
+        self._pane_width = 1.0  # of an image side by side, in logical pixels
 
     def draw(
         self,
@@ -121,6 +122,7 @@ class Viewport:
         """
         self.corner, self.size, self.shape = corner, size, shape or a.shape
         self._scale = imgui.get_io().display_framebuffer_scale.x
+        self._pane_width = size[0] / (1 if b is None else pane_count(view))
         pixels = (max(round(size[0] * self._scale), 1), max(round(size[1] * self._scale), 1))
         whole = VisibleArea(pixels, (0.0, 0.0), (1 / pixels[0], 1 / pixels[1]))
         self.visible_area = whole if is_stretched else visible_area_of(view, pixels, self.shape)
@@ -158,6 +160,19 @@ class Viewport:
         """The position in the image, (x, y) in its columns and rows, at a place on the screen."""
         u, v = self.to_image(place)
         return u * self.shape[1], v * self.shape[0]
+
+    @property
+    def panes(self) -> list[float]:
+        """Where each image side by side begins, in logical pixels from the corner."""
+        return [0.0, self._pane_width] if self._pane_width < self.size[0] else [0.0]
+
+    def in_first_pane(self, place: imgui.ImVec2, pane: float | None = None) -> imgui.ImVec2:
+        """The place of the left image that shows the same as a place of another one.
+
+        pane: where that image begins; None for the image that the place is in.
+        """
+        pane = max(start for start in self.panes if start <= max(place.x - self.corner.x, 0)) if pane is None else pane
+        return imgui.ImVec2(place.x - pane, place.y)
 
     def pixels(self) -> NDArray[np.uint8] | None:
         """Reads back what was drawn, 8-bit sRGB (y, x, 3); None before anything was."""
@@ -329,7 +344,7 @@ def tile_size(shape: tuple[int, int], height: float) -> tuple[int, int]:
 
 def tile_view_settings(view: ViewSettings) -> ViewSettings:
     """View settings of a tile: the same tone mapping, but all of the image and no comparison."""
-    neither = {"region": None, "profile": None, "cursor": None, "pupil_path": None}
+    neither = {"region": None, "other_regions": (), "profile": None, "cursor": None, "pupil_path": None}
     return view.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, **neither)
 
 

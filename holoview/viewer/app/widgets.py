@@ -91,6 +91,66 @@ def combo(label: str, chosen: str, options: Sequence[str], tip: str = "", width:
     return options[index] if is_found else chosen
 
 
+# --- numbers that are dragged: with Alt ten times finer, and by the keys Up and Down ---
+
+
+FINE = 0.1
+"""The share of a drag, or of a key's step, while Alt is held."""
+_STEP_KEYS = (imgui.Key.up_arrow, imgui.Key.down_arrow)
+_COARSE, _KEY_STEPS = 10.0, 200  # while Shift is held; steps of a key over the range of a slider
+
+
+def fine_slider(
+    label: str, value: float, low: float, high: float, text: str = "%.3f", flags: int = 0
+) -> tuple[bool, float]:
+    """ImGui's slider, finer: a drag with Alt goes a tenth as far, and the keys Up and Down step it under the pointer.
+
+    The same keys step a slider that was clicked last. Shift takes ten steps, Alt a tenth of one. Returns whether the
+    value has changed, and the value.
+    """
+    changed, shown = imgui.slider_float(label, value, low, high, text, flags)
+    io, turns = imgui.get_io(), _key_steps() / _KEY_STEPS
+    if imgui.is_item_active() and io.key_alt and imgui.is_mouse_down(imgui.MouseButton_.left):
+        changed, turns = False, io.mouse_delta.x / imgui.calc_item_width() * FINE
+    if not turns:
+        return (changed, shown) if not (imgui.is_item_active() and io.key_alt) else (changed, value)
+    is_logarithmic = bool(flags & imgui.SliderFlags_.logarithmic) and 0 < low < high and value > 0
+    moved = value * (high / low) ** turns if is_logarithmic else value + turns * (high - low)
+    moved = min(max(moved, min(low, value)), max(high, value))  # a typed value may lie outside
+    return moved != value, moved
+
+
+def fine_slider_int(label: str, value: int, low: int, high: int) -> tuple[bool, int]:
+    """A slider of whole numbers, which the keys Up and Down change by one."""
+    changed, shown = imgui.slider_int(label, value, low, high)
+    steps = _key_steps()
+    stepped = min(max(value + (1 if steps > 0 else -1), min(low, value)), max(high, value)) if steps else shown
+    return changed or stepped != value, stepped
+
+
+def fine_drag(label: str, value: float, speed: float, low: float, high: float, text: str) -> tuple[bool, float]:
+    """ImGui's number that is dragged, which the keys Up and Down change by the step of a pixel of the drag."""
+    changed, shown = imgui.drag_float(label, value, speed, low, high, text)
+    steps = _key_steps()
+    return (True, min(max(value + steps * speed, low), high)) if steps else (changed, shown)
+
+
+def is_item_held() -> bool:
+    """Whether the last item is being dragged, or stepped by a key: such edits belong together."""
+    return imgui.is_item_active() or any(imgui.is_key_down(key) for key in _STEP_KEYS)
+
+
+def _key_steps() -> float:
+    """The steps by which keys change the last item: the one under the pointer, or that which was clicked last."""
+    io = imgui.get_io()
+    if io.want_text_input or not (imgui.is_item_hovered() or imgui.is_item_focused()):
+        return 0.0
+    for key in _STEP_KEYS:
+        imgui.set_item_key_owner(key)
+    up, down = (int(imgui.is_key_pressed(key)) for key in _STEP_KEYS)
+    return (up - down) * (_COARSE if io.key_shift else FINE if io.key_alt else 1.0)
+
+
 @contextmanager
 def coloured(part: imgui.Col_, colour: imgui.ImVec4 | None) -> Iterator[None]:
     """Draws items with another colour of this part of them; None: with their own."""

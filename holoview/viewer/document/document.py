@@ -19,7 +19,7 @@ from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.viewer.document.target_builder import TargetSpec
 from holoview.viewer.render.scene import Drive, Scene, image_shape
-from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
+from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS, NamedRegion, Region, ViewSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,11 @@ class Document:
         """Where speckle is measured: the region of the view settings, else the central half in each direction."""
         rows, columns = self.image_shape
         return self.view_settings.region or (columns // 4, rows // 4, columns // 2, rows // 2)
+
+    @property
+    def measured_regions(self) -> tuple[NamedRegion, ...]:
+        """The regions that were drawn, by their names; without any the measured one."""
+        return self.view_settings.regions or (NamedRegion("centre", self.measured_region),)
 
     @property
     def sample_pitch_m(self) -> float:

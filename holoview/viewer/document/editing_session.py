@@ -43,7 +43,7 @@ from holoview.viewer.document.jobs import JobManager
 from holoview.viewer.document.sweeper import Sweeper
 from holoview.viewer.document.target_builder import TargetBuilder, TargetSpec
 from holoview.viewer.render.scene import Drive, Scene
-from holoview.viewer.render.view_settings import NOW, ComparisonSide, ViewSettings
+from holoview.viewer.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings
 
 _KEPT_BY_UNDO = ("zoom", "centre")
 """Fields of the view settings that undo and redo leave unchanged."""
@@ -398,6 +398,18 @@ class EditingSession:
             return None
         plane_m = self.view_settings.plane_m if plane_m is None else plane_m
         return self.target_builder.get(self.target_spec, self.system, plane_m)
+
+    def target_for(self, side: ComparisonSide) -> NDArray[np.float32] | None:
+        """The target (y, x, 3) of a side of the comparison at the displayed plane; a snapshot has its own.
+
+        None without a target, and until it is built.
+        """
+        if side.kind != "snapshot":
+            return None if side == TARGET else self.target_at()
+        pinned = self._snapshots.get(side.name)
+        if pinned is None or pinned.target_spec is None:
+            return None
+        return self.target_builder.get(pinned.target_spec, pinned.system, self.view_settings.plane_m)
 
     # --- threads and listeners --------------------------------------------------------------------------------------
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +30,7 @@ from holoview.viewer.document.document import Document
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.focus_edits import dioptres_text, eye_of, eyebox_half_m, pupil_diameter_m
 from holoview.viewer.document.jobs import BackgroundJob, JobControl
+from holoview.viewer.document.legend import MAX_BAR_FRACTION, scale_bar, with_notes
 from holoview.viewer.document.measurements import RegionMetrics, measure_region
 from holoview.viewer.page.page import export_html
 from holoview.viewer.render.planes import render_each, render_planes
@@ -95,7 +95,9 @@ def save_planes(session: EditingSession, path: Path) -> BackgroundJob:
     def work(control: JobControl) -> list[Path]:
         rendered = render_planes(document.system, document.drive, planes_m, control.check)
         for number, (xyz, plane_m, file) in enumerate(zip(rendered, planes_m, files, strict=True), start=1):
-            write_png(file, tone_map(xyz, document.view_settings), png_metadata(document, plane_m))
+            seen = replace(document, view_settings=document.view_settings.with_(plane_m=plane_m))
+            pixels = with_notes(tone_map(xyz, document.view_settings), seen)
+            write_png(file, pixels, png_metadata(document, plane_m))
             control.report(number, len(planes_m), file.name)
         return files
 
@@ -117,7 +119,6 @@ def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
 
 SUFFIXES = (".png", ".pdf")
 _WIDTH_IN, _DPI = 6.4, 200
-_MAX_BAR_FRACTION = 0.2  # of the image's width
 
 
 def save_figure(session: EditingSession, path: Path) -> BackgroundJob:
@@ -161,20 +162,13 @@ def _draw(document: Document, pixels: NDArray[np.uint8], metrics: RegionMetrics)
 
 def _draw_bar(axes: Any, document: Document, rows: int, columns: int) -> None:
     """A scale bar of a round length, white with a black outline."""
-    pitch_m = document.sample_pitch_m
-    length_m = scale_bar_length(_MAX_BAR_FRACTION * columns * pitch_m)
+    bar = scale_bar(document, MAX_BAR_FRACTION * columns)
     x0, y = 0.04 * columns, 0.95 * rows
     for color, width in (("black", 5.0), ("white", 3.0)):
-        axes.plot([x0, x0 + length_m / pitch_m], [y, y], color=color, linewidth=width, solid_capstyle="butt")
-    text = axes.text(x0, y - 0.015 * rows, units.format_rounded(length_m, "mm"), color="white", fontsize=9, va="bottom")
+        axes.plot([x0, x0 + bar.samples], [y, y], color=color, linewidth=width, solid_capstyle="butt")
+    text = axes.text(x0, y - 0.015 * rows, bar.text, color="white", fontsize=9, va="bottom")
     effects = import_optional("matplotlib.patheffects", "a figure")
     text.set_path_effects([effects.withStroke(linewidth=2, foreground="black")])
-
-
-def scale_bar_length(most_m: float) -> float:
-    """The largest length of 1, 2 or 5 times a power of ten that isn't longer than `most_m`."""
-    power = 10.0 ** math.floor(math.log10(most_m))
-    return max(step * power for step in (1, 2, 5) if step * power <= most_m * (1 + 1e-9))
 
 
 def caption(document: Document, metrics: RegionMetrics) -> list[str]:

@@ -1,12 +1,14 @@
 """Measurements of an image, and those of the displayed image kept up to date on a worker thread.
 
-In order: a region's speckle contrast, PSNR and colour error; contrast by the number of wavelengths; lines and pixels;
+In order: a region's speckle contrast, PSNR and colour error; the table of all regions of all images that are shown;
+contrast by the number of wavelengths; lines and pixels;
 `LiveMeasurement` and `LiveScore` on their threads; `LimitNotes`, where the model isn't true.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -38,7 +40,7 @@ from holoview.util.processes import LatestTask, are_same
 from holoview.viewer.document.document import Document
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.render.scene import Scene
-from holoview.viewer.render.view_settings import Line, Region
+from holoview.viewer.render.view_settings import Line, NamedRegion, Region
 
 Floats = NDArray[np.float64]
 SeenPicture = tuple[Scene, NDArray[np.floating]]
@@ -92,6 +94,42 @@ def measure_region(
         return metrics
     image_rgb, reference = gamut_map(xyz_to_linear_srgb(crop(xyz, region))), gamut_map(crop(target, region))
     return replace(metrics, psnr_db=psnr(image_rgb, reference), delta_e=delta_e_linear_srgb(image_rgb, reference))
+
+
+@dataclass(frozen=True, eq=False)
+class ShownImage:
+    """An image that is shown: a name for people, XYZ (y, x, 3), and its target (y, x, 3) in linear sRGB."""
+
+    name: str
+    xyz: NDArray[np.floating]
+    target: NDArray[np.floating] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RegionRow:
+    """A region of an image, and its measurements, or the problem for which there are none."""
+
+    image: str
+    name: str
+    region: Region
+    metrics: RegionMetrics | None
+    problem: str = ""
+
+
+def measure_regions(image: ShownImage, regions: Sequence[NamedRegion], shape: tuple[int, int]) -> list[RegionRow]:
+    """Measures each region of an image. shape: rows and columns in which the regions are counted."""
+    rows = []
+    for of in regions:
+        metrics, problem = None, ""
+        try:
+            if image.xyz.shape[:2] != shape:
+                size = " × ".join(map(str, image.xyz.shape[1::-1]))
+                raise UserError("image", f"{size} samples", expected=f"{shape[1]} × {shape[0]}, as of the other one")
+            metrics = measure_region(image.xyz, of.region, image.target)
+        except UserError as error:
+            problem = str(error)
+        rows.append(RegionRow(image.name, of.name, of.region, metrics, problem))
+    return rows
 
 
 def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
@@ -160,10 +198,21 @@ def contrast_by_wavelength(
 
 @dataclass(frozen=True, eq=False)
 class LineProfile:
-    """Values (n, channel) along a line, at distances (n,) in metres from its start."""
+    """Values (n, channel) along a line, at distances (n,) in metres from its start. image: the name of its image."""
 
     distance_m: Floats
     values: Floats
+    image: str = ""
+
+
+PROFILE_CHANNELS = ("luminance", "R", "G", "B")
+
+
+def light_profile(image: ShownImage, line: Line, pitch_m: float) -> LineProfile:
+    """The channels PROFILE_CHANNELS along a line of an image, R, G and B in linear sRGB; see `line_profile`."""
+    found = line_profile(image.xyz, line, pitch_m)
+    values = np.concatenate([found.values[:, 1:2], xyz_to_linear_srgb(found.values)], axis=1)
+    return LineProfile(found.distance_m, values, image.name)
 
 
 def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> LineProfile:
@@ -218,18 +267,25 @@ Image = NDArray[np.floating]
 class ImageMeasurements:
     """Measurements of an image; each is None where it wasn't requested or isn't possible.
 
-    document: of the image. region, histogram: of the measured region. profile: luminance along the line of the view
-    settings. curve: contrast by the number of wavelengths, if their luminances were given. problem: why measurements
-    of the region are missing, e.g. because the region is dark. retinal: the region as cones see it, with an eye.
+    document: of the image. region, histogram: of the measured region. profiles: light along the line of the view
+    settings, of each image that is shown. curve: contrast by the number of wavelengths, if their luminances were given.
+    problem: why measurements of the region are missing, e.g. because the region is dark. retinal: the region as cones
+    see it, with an eye. rows: all regions of all images that are shown.
     """
 
     document: Document
     region: RegionMetrics | None
     histogram: SpeckleHistogram | None
-    profile: LineProfile | None
+    profiles: tuple[LineProfile, ...]
     curve: ContrastCurve | None
     problem: str = ""
     retinal: RetinalContrast | None = None
+    rows: tuple[RegionRow, ...] = ()
+
+    @property
+    def profile(self) -> LineProfile | None:
+        """Light along the line in the image of the document; None without a line."""
+        return next(iter(self.profiles), None)
 
 
 class LiveMeasurement:
@@ -251,10 +307,15 @@ class LiveMeasurement:
         return self._task.is_busy
 
     def request(
-        self, document: Document, xyz: Image, target: Image | None = None, luminance: Image | None = None
+        self,
+        document: Document,
+        xyz: Image,
+        target: Image | None = None,
+        luminance: Image | None = None,
+        others: Sequence[ShownImage] = (),
     ) -> None:
         """Requests measurements of an image; see `measure_image`. The arrays must not be changed afterwards."""
-        self._task.submit(lambda: measure_image(document, xyz, target, luminance), self._on_result)
+        self._task.submit(lambda: measure_image(document, xyz, target, luminance, others), self._on_result)
 
     def close(self) -> None:
         """Ends the thread."""
@@ -266,40 +327,54 @@ class LiveMeasurement:
 
 
 def measure_image(
-    document: Document, xyz: Image, target: Image | None = None, luminance: Image | None = None
+    document: Document,
+    xyz: Image,
+    target: Image | None = None,
+    luminance: Image | None = None,
+    others: Sequence[ShownImage] = (),
 ) -> ImageMeasurements:
     """Measures the image XYZ (y, x, 3) of a document.
 
-    target (y, x, 3), linear sRGB: enables PSNR and colour error. luminance (laser, y, x): enables the curve. An
-    error that the user can correct, such as a dark region, is stored as `problem`.
+    target (y, x, 3), linear sRGB: enables PSNR and colour error. luminance (laser, y, x): enables the curve. others:
+    images beside it, in which the same regions are measured. An error that the user can correct, such as a dark
+    region, is stored as `problem`.
     """
-    region, histogram, curve, problem, retinal = None, None, None, "", None
+    images = [ShownImage(document.title, xyz, target), *others]
+    rows = [row for image in images for row in measure_regions(image, document.measured_regions, document.image_shape)]
+    first = next(row for row in rows if row.region == document.measured_region)
+    region, histogram, curve, problem, retinal = first.metrics, None, None, first.problem, None
     try:
-        region = measure_region(xyz, document.measured_region, target)
-        plane_m = document.view_settings.plane_m
-        patterns = independent_pattern_count(document.system, plane_m)
-        histogram = speckle_histogram(xyz[..., 1], document.measured_region, patterns)
-        shown = None if region.withheld else target
-        if document.system.eye is not None:
-            known = None if shown is None else target_luminance(shown, document.measured_region)
-            retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
-        if luminance is not None:
-            curve = contrast_by_wavelength(
-                luminance.__getitem__, document.system, document.measured_region, plane_m, shown
-            )
+        if region is not None:
+            plane_m = document.view_settings.plane_m
+            patterns = independent_pattern_count(document.system, plane_m)
+            histogram = speckle_histogram(xyz[..., 1], document.measured_region, patterns)
+            shown = None if region.withheld else target
+            retinal = _retinal(document, xyz, shown)
+            if luminance is not None:
+                curve = contrast_by_wavelength(
+                    luminance.__getitem__, document.system, document.measured_region, plane_m, shown
+                )
     except UserError as error:
         problem = str(error)
-    return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem, retinal)
+    profiles = tuple(_profiles(document, images))
+    return ImageMeasurements(document, region, histogram, profiles, curve, problem, retinal, tuple(rows))
 
 
-def _profile(document: Document, xyz: Image) -> LineProfile | None:
-    """Luminance along the line of the view settings; None where there is none or it leaves the image."""
-    if document.view_settings.profile is None:
+def _retinal(document: Document, xyz: Image, target: Image | None) -> RetinalContrast | None:
+    """The measured region as cones see it; None without an eye."""
+    if document.system.eye is None:
         return None
-    try:
-        return line_profile(xyz[..., 1], document.view_settings.profile, document.sample_pitch_m)
-    except UserError:
-        return None
+    known = None if target is None else target_luminance(target, document.measured_region)
+    return retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
+
+
+def _profiles(document: Document, images: Sequence[ShownImage]) -> Iterator[LineProfile]:
+    """Light along the line of the view settings; of images that the line leaves, none."""
+    line = document.view_settings.profile
+    for image in images if line is not None else ():
+        with suppress(UserError):
+            assert line is not None
+            yield light_profile(image, line, document.sample_pitch_m)
 
 
 # --- A score of the displayed image beside its target, kept up to date on a worker thread while the image changes ---

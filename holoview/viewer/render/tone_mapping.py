@@ -48,6 +48,17 @@ def tone_map(xyz: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]
     return colour_map(view.false_colour or "grey")[levels[..., 0]]
 
 
+def colour_bar(view: ViewSettings, count: int) -> NDArray[np.uint8]:
+    """The colours (count, 3) of even steps of a single channel, from the value shown black to the one shown white.
+
+    Of a difference, from the least to the greatest one that is shown.
+    """
+    steps = np.linspace(0.0, 1.0, count)
+    if view.compare == "difference":
+        return colour_map("signed")[np.rint(255 * steps).astype(np.uint8)]
+    return colour_map(view.false_colour or "grey")[_levels(steps, view)]
+
+
 def compose_comparison(
     a: NDArray[np.floating], b: NDArray[np.floating] | None, view: ViewSettings
 ) -> NDArray[np.uint8]:

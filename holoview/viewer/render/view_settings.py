@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import string
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,6 +63,20 @@ class ComparisonSide:
         return self.name if self.name else _LABELS[self.kind]
 
 
+@dataclass(frozen=True)
+class NamedRegion:
+    """A region of the image with a name. Raises UserError for an empty name or region."""
+
+    name: str
+    region: Region
+
+    def __post_init__(self) -> None:
+        if not self.name.strip():
+            raise UserError("region", "no name", expected="a name")
+        if min(self.region[:2]) < 0 or min(self.region[2:]) < 1:
+            raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+
+
 NOW, TARGET, ACHROMATIC = ComparisonSide("now"), ComparisonSide("target"), ComparisonSide("achromatic")
 
 
@@ -80,8 +95,10 @@ class ViewSettings:
     stage, quantity: of the light on the page "field", of the frame and the solo laser, or else the first: one of
     `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
-    region: where speckle is measured. profile: a line along which the luminance is plotted. cursor: the sample (x, y)
-    whose light is looked into; the middle of the image when None.
+    region, region_name: where speckle is measured, the chosen one of the regions that were drawn; other_regions: the
+    rest of them. profile: a line along which light is plotted. cursor: the sample (x, y) whose light is looked into;
+    the middle of the image when None.
+    has_scale_bar, has_legend: whether a length, and what is shown, are written on the image.
     score: one of SCORES, shown beside the PSNR.
     zoom: screen pixels for each sample, 0 to fit the window. centre: (x, y) of the middle of the view, as fractions of
     the image. pupil_path: a path of the pupil through the eyebox that was recorded or opened.
@@ -110,8 +127,12 @@ class ViewSettings:
     compare: str = "off"
     wipe: float = 0.5
     region: Region | None = None
+    region_name: str = "A"
+    other_regions: tuple[NamedRegion, ...] = ()
     profile: Line | None = None
     cursor: tuple[int, int] | None = None
+    has_scale_bar: bool = False
+    has_legend: bool = False
     score: str = ""
     zoom: float = 0.0
     centre: tuple[float, float] = (0.5, 0.5)
@@ -139,8 +160,9 @@ class ViewSettings:
             raise UserError("gamma", f"{self.gamma:g}", expected="from 0.1 to 10")
         if not self.low < self.high:
             raise UserError("black and white", f"{self.low:g} and {self.high:g}", expected="black below white")
-        if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
-            raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+        names = [of.name for of in self.regions]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise UserError("region", f'"{twice[0]}" twice', expected="a name that isn't taken")
         if self.cursor is not None and min(self.cursor) < 0:
             raise UserError("cursor", str(self.cursor), expected="x, y ≥ 0")
         if min(self.frame, self.modulator, self.solo or 0, *self.muted) < 0:
@@ -156,6 +178,42 @@ class ViewSettings:
     def shows_laser(self, index: int) -> bool:
         """Whether a laser contributes to the image: the solo laser alone, or else all that aren't muted."""
         return self.solo == index if self.solo is not None else index not in self.muted
+
+    @property
+    def regions(self) -> tuple[NamedRegion, ...]:
+        """All regions that were drawn, by their names."""
+        chosen = () if self.region is None else (NamedRegion(self.region_name, self.region),)
+        return tuple(sorted((*self.other_regions, *chosen), key=lambda of: of.name.casefold()))
+
+    def with_new_region(self, region: Region) -> ViewSettings:
+        """A copy with one region more, under the next letter, which is the chosen one."""
+        taken = {of.name for of in self.regions}
+        letters = (f"{letter}{n or ''}" for n in range(len(taken) + 1) for letter in string.ascii_uppercase)
+        name = next(letter for letter in letters if letter not in taken)
+        return self.with_(region=region, region_name=name, other_regions=self.regions)
+
+    def with_region_chosen(self, name: str) -> ViewSettings:
+        """A copy in which the region of a name is the chosen one. Raises UserError when there is none."""
+        found = {of.name: of.region for of in self.regions}
+        if name not in found:
+            raise UserError("region", f'"{name}"', remedy=suggest_matches(name, found))
+        others = tuple(of for of in self.regions if of.name != name)
+        return self.with_(region=found[name], region_name=name, other_regions=others)
+
+    def with_region_renamed(self, name: str, to: str) -> ViewSettings:
+        """A copy in which a region has another name. Raises UserError for a name that is taken or empty."""
+        if name == self.region_name and self.region is not None:
+            return self.with_(region_name=to.strip())
+        others = (NamedRegion(to.strip() if of.name == name else of.name, of.region) for of in self.other_regions)
+        return self.with_(other_regions=tuple(others))
+
+    def without_region(self, name: str) -> ViewSettings:
+        """A copy without the region of a name; if it was the chosen one, the first of the others is."""
+        left = tuple(of for of in self.regions if of.name != name)
+        if name != self.region_name or not left:
+            view = self.with_(other_regions=tuple(of for of in self.other_regions if of.name != name))
+            return view.with_(region=None) if name == self.region_name else view
+        return self.with_(region=left[0].region, region_name=left[0].name, other_regions=left[1:])
 
     def cursor_in(self, shape: tuple[int, int]) -> tuple[int, int]:
         """Row and column of the cursor in an image of a shape (y, x)."""
@@ -177,6 +235,11 @@ class ViewSettings:
             solo=solo,
             muted=muted,
             region=_clip_region(self.region, shape),
+            other_regions=tuple(
+                dataclasses.replace(of, region=inside)
+                for of in self.other_regions
+                if (inside := _clip_region(of.region, shape)) is not None
+            ),
             cursor=None if self.cursor is None else self.cursor_in(shape)[::-1],
             frame=min(self.frame, frames - 1),
             modulator=min(self.modulator, modulators - 1),

@@ -14,6 +14,7 @@ from holoview.viewer.app.panels.optimise import OptimisePanel
 from holoview.viewer.app.panels.parameters import BenchPanel, EffectsPanel
 from holoview.viewer.app.panels.point import PointPanel, SectionsPanel
 from holoview.viewer.app.panels.recording import RecordingPanel
+from holoview.viewer.app.panels.regions import RegionsPanel
 from holoview.viewer.app.panels.rig import CameraPanel, RigDiagnosisPanel, RigPanel
 from holoview.viewer.app.panels.speckle import SpecklePanel
 from holoview.viewer.app.panels.sweep import SweepPanel
@@ -36,6 +37,7 @@ ALL: tuple[type[Panel], ...] = (
     FilesPanel,
     HistoryPanel,
     FocusPanel,
+    RegionsPanel,
     DrawingPanel,
     RigPanel,
     CameraPanel,

@@ -12,7 +12,7 @@ from holoview.light.model.bench_drawing import draw_bench
 from holoview.util.drawing import Drawing, Stroke, colour_of, line_width
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import show_tooltip
+from holoview.viewer.app.widgets import FINE, show_tooltip
 
 _LARGEST_SCALE = 1.5  # over the least, at which its texts are as large as others
 _FONT_PT = 14.0  # of a panel's text of usual size
@@ -62,6 +62,7 @@ class DrawingPanel(Panel):
             self._dragged = key
         gap_m, moved = context.session.system.gap_m, imgui.get_io().mouse_delta.x
         if imgui.is_item_active() and self._dragged == "gap" and gap_m and moved:
+            moved *= FINE if imgui.get_io().key_alt else 1.0
             factor = math.pow(10.0, moved / _DECADE_PX)
             context.change("Gap", "gap", float(f"{min(gap_m * factor, 1.0):.6g}"), is_held=True)
         if imgui.is_item_deactivated():

@@ -38,7 +38,9 @@ from holoview.viewer.document.exports import (
     save_view,
 )
 from holoview.viewer.document.jobs import format_job
+from holoview.viewer.document.legend import with_notes
 from holoview.viewer.document.optimisation_job import chosen_optimisation, start_live_optimisation
+from holoview.viewer.document.region_table import save_profile, save_regions
 from holoview.viewer.render.tone_mapping import compose_comparison
 from holoview.viewer.render.view_settings import DERIVED_PAGES, displayed_side
 
@@ -99,6 +101,12 @@ class FilesPanel(Panel):
         def view(session: EditingSession, path: Path) -> None:
             save_view(session, path, _export_pixels(context))
 
+        def regions(session: EditingSession, path: Path) -> None:
+            save_regions(session, path, context.shown_images())
+
+        def profile(session: EditingSession, path: Path) -> None:
+            save_profile(session, path, context.shown_images())
+
         def sweep(session: EditingSession, path: Path) -> object:
             return save_sweep(session, path, frames=self.frames, seconds=self.seconds)
 
@@ -120,6 +128,8 @@ class FilesPanel(Panel):
             save("pupil path", ".csv", save_path, "Where the pupil was, and when: a table."),
             save("path animation", ".png .gif .mp4", animation, "What the eye sees along the path of its pupil."),
             save("path pictures", ".png", pictures, "The same as pictures."),
+            save("regions", ".csv", regions, "The table of regions and their figures, of all images that are shown."),
+            save("profile", ".csv", profile, "The light along the line, of all images that are shown."),
             save("figure", ".png .pdf", save_figure, "With scale bar, wavelengths and speckle contrast."),
         ]
 
@@ -217,7 +227,7 @@ def _export_pixels(context: AppContext) -> NDArray[np.uint8]:
     xyz, other = context.side_renderers.xyz(displayed_side(view)), None if b is None else context.side_renderers.xyz(b)
     if xyz is None or (b is not None and other is None):
         raise UserError("image", "is still being computed", remedy="try again in a moment")
-    return compose_comparison(xyz, other, view)
+    return with_notes(compose_comparison(xyz, other, view), context.session.displayed_document)
 
 
 def _copy(context: AppContext) -> None:

@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.viewport import PlaneStrip
-from holoview.viewer.app.widgets import command_button, tooltip
+from holoview.viewer.app.widgets import command_button, fine_slider, tooltip
 from holoview.viewer.document.document import Gesture
 from holoview.viewer.document.focus_edits import (
     dioptres_text,
@@ -67,7 +67,7 @@ class FocusPanel(Panel):
             command_button(context, "Other side", name="other side")
             imgui.same_line()
         imgui.set_next_item_width(-1)
-        changed, shown = imgui.slider_float(
+        changed, shown = fine_slider(
             "##plane",
             context.session.view_settings.plane_m * 1e3,
             low * 1e3,

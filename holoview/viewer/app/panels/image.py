@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from imgui_bundle import imgui
@@ -13,6 +14,7 @@ from holoview.viewer.app.panels.eye import draw_path, draw_pupil, handle_pupil
 from holoview.viewer.app.readout import (
     draw_centred_text,
     draw_label,
+    draw_notes,
     draw_readout,
     readout_height,
     side_labels,
@@ -27,6 +29,7 @@ from holoview.viewer.render.view_settings import DERIVED_PAGES, TARGET, ViewSett
 _ZOOM_PER_NOTCH = 1.25  # of the wheel
 _MAX_ZOOM, _MIN_ZOOM = 64.0, 0.05
 _MARK_COLOUR = imgui.IM_COL32(255, 220, 80, 255)
+_PALE_MARK_COLOUR = imgui.IM_COL32(255, 255, 255, 210)
 _CURSOR_PX = 7.0  # half the length of the lines of its cross
 _WIPE_GRIP_PX = 8.0  # from the line of the wipe, within which a drag moves it
 
@@ -46,6 +49,8 @@ class ImagePanel(Panel):
         self._drag_start: tuple[float, float] | None = None
         self._seen_job: OptimisationJob | None = None  # whose picture has been shown
         self._drags_wipe = self._drags_cursor = self.shows_b = False
+        self._draws_new = self._has_moved = False
+        self._pane = 0.0  # where the image begins in which a drag began, side by side
 
     def set_up(self, context: AppContext) -> None:
         self.picture, self._plane_sheet = Viewport(context, "viewport"), PlaneSheet(context)
@@ -135,6 +140,8 @@ class ImagePanel(Panel):
             draw_label(draw_list, badge, imgui.ImVec2(left, corner.y + 6))
         for text, share in side_labels(view, self.shows_b, context.session.target_spec is not None):
             draw_label(draw_list, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
+        if view.page in ("image", "target"):
+            draw_notes(draw_list, context.session.displayed_document, self.picture)
         draw_list.pop_clip_rect()
 
     def _draw_pupil(self, context: AppContext) -> None:
@@ -148,11 +155,28 @@ class ImagePanel(Panel):
         draw_pupil(context, middle, scale)
 
     def _draw_marks(self, view: ViewSettings, draw_list: imgui.ImDrawList) -> None:
-        """The region, the line of the profile, and the cursor."""
-        at = self.picture.to_screen
-        if view.region is not None:
-            x, y, width, height = view.region
-            draw_list.add_rect(at(x, y), at(x + width, y + height), _MARK_COLOUR, 0, 1.5)
+        """The regions, the line of the profile, and the cursor, on each of the images beside each other."""
+        corner, end = self.picture.corner, self.picture.end
+        starts = [*self.picture.panes, end.x - corner.x]
+        for start, stop in pairwise(starts):
+            low, high = imgui.ImVec2(corner.x + start, corner.y), imgui.ImVec2(corner.x + stop, end.y)
+            draw_list.push_clip_rect(low, high, True)
+            self._draw_marks_in_pane(view, draw_list, start)
+            draw_list.pop_clip_rect()
+
+    def _draw_marks_in_pane(self, view: ViewSettings, draw_list: imgui.ImDrawList, start: float) -> None:
+        def at(x: float, y: float) -> imgui.ImVec2:
+            place = self.picture.to_screen(x, y)
+            return imgui.ImVec2(place.x + start, place.y)
+
+        for of in view.regions:
+            x, y, width, height = of.region
+            is_chosen = of.name == view.region_name
+            colour = _MARK_COLOUR if is_chosen else _PALE_MARK_COLOUR
+            draw_list.add_rect(at(x, y), at(x + width, y + height), colour, 0, 1.5)
+            if len(view.regions) > 1:
+                name = at(x, y)
+                draw_label(draw_list, of.name, imgui.ImVec2(name.x + 5, name.y + 3))
         if view.profile is not None:
             x0, y0, x1, y1 = view.profile
             draw_list.add_line(at(x0 + 0.5, y0 + 0.5), at(x1 + 0.5, y1 + 0.5), _MARK_COLOUR, 1.5)
@@ -165,7 +189,7 @@ class ImagePanel(Panel):
     # --- pointer ----------------------------------------------------------------------------------------------------
 
     def _handle_pointer(self, context: AppContext) -> None:
-        io = imgui.get_io()
+        io, view = imgui.get_io(), context.session.view_settings
         if imgui.is_item_hovered():
             self._handle_wheel(context, io)
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
@@ -180,6 +204,8 @@ class ImagePanel(Panel):
         if imgui.is_item_deactivated():
             if self._drag_start is not None:
                 context.drag_tool = ""
+            elif not self._has_moved and view.page == "image":
+                self._choose_region(context, io)
             self._drag_start, self._drags_wipe, self._drags_cursor = None, False, False
             context.session.end_gesture()
 
@@ -219,20 +245,25 @@ class ImagePanel(Panel):
         x = self.picture.to_pixel(io.mouse_pos)[0]
         self._drags_wipe = view.compare == "wipe" and abs(x - view.wipe * area.size[0]) < _WIPE_GRIP_PX
         self._drags_cursor = io.key_ctrl and view.page == "image"
+        self._has_moved = False
+        self._pane = io.mouse_pos.x - self.picture.in_first_pane(io.mouse_pos).x
         if context.drag_tool or io.key_shift:
             context.drag_tool = context.drag_tool or "region"
-            self._drag_start = self.picture.to_sample(io.mouse_pos)
+            self._drag_start = self.picture.to_sample(self.picture.in_first_pane(io.mouse_pos))
+            self._draws_new = context.drag_tool == "region"
 
     def _drag(self, context: AppContext, io: imgui.IO) -> None:
         view, area = context.session.view_settings, self.picture.visible_area
         assert area is not None
+        self._has_moved |= bool(io.mouse_delta.x or io.mouse_delta.y)
         if self._drags_wipe:
             share = self.picture.to_pixel(io.mouse_pos)[0] / area.size[0]
             context.edit_view("Wipe", wipe=min(max(share, 0.0), 1.0))
         elif self._drags_cursor:
             context.edit_view("Cursor", cursor=self._nearest_sample(io.mouse_pos))
         elif self._drag_start is not None:
-            self._drag_tool(context, self._drag_start, self.picture.to_sample(io.mouse_pos))
+            place = self.picture.to_sample(self.picture.in_first_pane(io.mouse_pos, self._pane))
+            self._drag_tool(context, self._drag_start, place)
         elif io.mouse_delta.x or io.mouse_delta.y:
             (u, v), step = view.centre, self.picture.step
             zoom = view.zoom or zoom_to_fit(view, area.size, self.picture.shape)
@@ -245,12 +276,26 @@ class ImagePanel(Panel):
             return
         left, top = max(int(x0), 0), max(int(y0), 0)
         width, height = min(int(x1) + 1, columns) - left, min(int(y1) + 1, rows) - top
-        if width > 1 and height > 1:
-            context.edit_view("Region", region=(left, top, width, height))
+        if width <= 1 or height <= 1:
+            return
+        view, region = context.session.view_settings, (left, top, width, height)
+        view = view.with_new_region(region) if self._draws_new else view.with_(region=region)
+        context.attempt(context.session.edit, "Region", merge_key="region", view_settings=view)
+        self._draws_new = False
+
+    def _choose_region(self, context: AppContext, io: imgui.IO) -> None:
+        """A click into a region chooses it; where several lie above each other, the smallest."""
+        (x, y), view = self.picture.to_sample(self.picture.in_first_pane(io.mouse_pos)), context.session.view_settings
+        hit = [
+            of for of in view.regions if 0 <= x - of.region[0] < of.region[2] and 0 <= y - of.region[1] < of.region[3]
+        ]
+        if hit:
+            name = min(hit, key=lambda of: of.region[2] * of.region[3]).name
+            context.attempt(context.session.edit, "Choose a region", view_settings=view.with_region_chosen(name))
 
     def _nearest_sample(self, place: imgui.ImVec2) -> tuple[int, int]:
         """The sample (x, y) of the image at a place on the screen, or the one at its edge that is nearest."""
-        (x, y), (rows, columns) = self.picture.to_sample(place), self.picture.shape
+        (x, y), (rows, columns) = self.picture.to_sample(self.picture.in_first_pane(place)), self.picture.shape
         return min(max(int(x), 0), columns - 1), min(max(int(y), 0), rows - 1)
 
     def _under_pointer(self) -> tuple[float, float] | None:

@@ -14,7 +14,7 @@ from holoview.light.model.system import System
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.theme import EYE_RANGE_M, laser_colour
-from holoview.viewer.app.widgets import coloured, command_button, show_tooltip, tooltip
+from holoview.viewer.app.widgets import coloured, command_button, fine_drag, fine_slider_int, show_tooltip, tooltip
 
 _PLOT_RANGE_NM = (390.0, 720.0)
 _EYE_RANGE_NM = (EYE_RANGE_M[0] * 1e9, EYE_RANGE_M[1] * 1e9)
@@ -136,7 +136,7 @@ class LasersPanel(Panel):
         tooltip("Takes the wavelengths and powers of a preset.")
         if system.frames > 1:
             imgui.set_next_item_width(-60)
-            _, frame = imgui.slider_int("frame", self._frame + 1, 1, system.frames)
+            _, frame = fine_slider_int("frame", self._frame + 1, 1, system.frames)
             self._frame = frame - 1
             tooltip("The frame of the time sequence whose powers are shown.")
 
@@ -167,7 +167,7 @@ class LasersPanel(Panel):
         imgui.get_window_draw_list().add_text(place, ink, number)
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
-        changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_RANGE_NM, "%.5g")
+        changed, value = fine_drag("##nm", nm, 0.25, *_EYE_RANGE_NM, "%.5g")
         context.record_item_rect(f"nm {index}")
         tooltip("Wavelength in nm: drag, or double click to enter it.")
         if changed:
@@ -175,7 +175,7 @@ class LasersPanel(Panel):
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         power = float(system.amplitudes[self._frame, index])
-        changed, value = imgui.drag_float("##power", power, max(power, 0.1) * 0.01, 0.0, 1e6, "%.4g")
+        changed, value = fine_drag("##power", power, max(power, 0.1) * 0.01, 0.0, 1e6, "%.4g")
         tooltip("Relative power: drag, or double click to enter it.")
         if changed:
             _edit_laser(context, system, index, power=max(value, 0.0), frame=self._frame, merge_key=("power", index))

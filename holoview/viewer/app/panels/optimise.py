@@ -29,6 +29,7 @@ from holoview.viewer.app.parameter_widgets import number_field
 from holoview.viewer.app.widgets import (
     combo,
     command_button,
+    fine_slider,
     pale,
     room_for_labels,
     share_of_width,
@@ -159,7 +160,7 @@ def _draw_target(context: AppContext) -> None:
     imgui.text_wrapped(f"target: {printable(target_spec.title)}")
     if target_spec.is_field:
         _draw_place_of_field(context, target_spec)
-    changed, brightness = imgui.slider_float("brightness", target_spec.brightness, 0.1, 2.0, "%.2f")
+    changed, brightness = fine_slider("brightness", target_spec.brightness, 0.1, 2.0, "%.2f")
     tooltip(_TIPS["brightness"])
     if changed and brightness > 0:
         context.attempt(
@@ -273,5 +274,5 @@ def _edit_pupils(pupils: PupilChoice | None) -> PupilChoice | None:
 def _edit_length(name: str, length_m: float) -> float:
     """Draws a slider of millimetres; returns the length in metres, rounded to hundredths if it was moved."""
     flags = imgui.SliderFlags_.always_clamp
-    moved, shown = imgui.slider_float(name, length_m * 1e3, _LEAST_MM, _MOST_MM, "%.2f mm", flags)
+    moved, shown = fine_slider(name, length_m * 1e3, _LEAST_MM, _MOST_MM, "%.2f mm", flags)
     return round(shown, 2) * 1e-3 if moved else length_m

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -27,6 +28,11 @@ _TIPS = {
     "ΔE2000": "Mean CIEDE2000 colour difference to the target in this region; 1 is about the least that can be seen.",
     "Patterns": "Independent speckle patterns that lasers, frames and sources could bring, by their brightness: "
     "(Σm)²/Σm².",
+}
+_PROFILE_COLOURS = {
+    "R": imgui.ImVec4(0.85, 0.30, 0.28, 0.7),
+    "G": imgui.ImVec4(0.25, 0.65, 0.32, 0.7),
+    "B": imgui.ImVec4(0.35, 0.45, 0.90, 0.7),
 }
 _NAMES = {"Contrast": "speckle contrast", "Cones": "as cones see it", "Grains": "grains", "Mean": "mean luminance"}
 
@@ -103,7 +109,9 @@ def _toggle_tool(context: AppContext, tool: str) -> None:
 
 def _clear_selection(context: AppContext) -> None:
     context.drag_tool = ""
-    context.session.edit_view("Forget region, line and cursor", region=None, profile=None, cursor=None)
+    context.session.edit_view(
+        "Forget region, line and cursor", region=None, other_regions=(), profile=None, cursor=None
+    )
 
 
 def _draw_tools(context: AppContext) -> None:
@@ -121,6 +129,7 @@ def _draw_tools(context: AppContext) -> None:
         with context.session.report_errors("region"):
             x, y, w, h = numbers
             context.session.edit_view("Region", region=(x, y, w, h))
+    command_button(context, "Regions", "All regions…", width=-1)
 
 
 def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
@@ -161,8 +170,8 @@ def _draw_plots(measurements: ImageMeasurements) -> None:
         _draw_histogram(measurements.histogram)
     if measurements.curve is not None and _header("Contrast by wavelengths"):
         _draw_curve(measurements.curve)
-    if measurements.profile is not None and _header("Profile along the line"):
-        _draw_profile(measurements.profile)
+    if measurements.profiles and _header("Profile along the line"):
+        _draw_profiles(measurements.profiles)
 
 
 def _draw_histogram(histogram: SpeckleHistogram) -> None:
@@ -193,11 +202,18 @@ def _draw_curve(curve: ContrastCurve) -> None:
             plots.line("independent", count, curve.independent, plots.GREY, marked=True)
 
 
-def _draw_profile(profile: LineProfile) -> None:
-    x, y = profile.distance_m * 1e3, profile.values[:, 0]
-    with plots.plot("profile", "mm", "luminance", (0, float(x[-1])), (0, 1.05 * max(float(y.max()), 1e-9))) as is_open:
+def _draw_profiles(profiles: Sequence[LineProfile]) -> None:
+    """Luminance, R, G and B of the first image, and the luminance of those beside it."""
+    first = profiles[0]
+    x, top = first.distance_m * 1e3, max(float(of.values.max()) for of in profiles)
+    with plots.plot("profile", "mm", "1 = white", (0, float(x[-1])), (0, 1.05 * max(top, 1e-9))) as is_open:
         if is_open:
-            plots.line("luminance", x, y, theme.signal_colour("accent"))
+            for number, (name, colour) in enumerate(_PROFILE_COLOURS.items(), start=1):
+                plots.line(name, x, first.values[:, number], colour)
+            plots.line("luminance", x, first.values[:, 0], theme.signal_colour("accent"))
+            for number, other in enumerate(profiles[1:]):
+                colour = theme.signal_colour("warning") if number == 0 else plots.GREY
+                plots.line(f"luminance of {other.image}", other.distance_m * 1e3, other.values[:, 0], colour)
 
 
 def _header(name: str) -> bool:

@@ -12,7 +12,7 @@ from holoview.light.colour import fitting_stops
 from holoview.light.model import preset
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import button, command_button, tooltip
+from holoview.viewer.app.widgets import button, command_button, fine_slider, fine_slider_int, tooltip
 from holoview.viewer.document.document import Gesture
 from holoview.viewer.render.view_settings import (
     ACHROMATIC,
@@ -140,7 +140,7 @@ class ViewPanel(Panel):
             show = partial(context.session.edit_view, "Frame", merge_key=self._played)
             context.attempt(show, frame=frame, is_one_frame=True)
             context.window.wake()
-        changed, number = imgui.slider_int("frame", view.frame + 1, 1, frames)
+        changed, number = fine_slider_int("frame", view.frame + 1, 1, frames)
         context.record_item_rect("frame")
         tooltip("Which frame is shown, in the image too if it is alone.")
         if changed:
@@ -213,7 +213,7 @@ def _slider(
     context: AppContext, key: str, value: float, low: float, high: float, text: str, reset: float, doc: str
 ) -> bool:
     field = "exposure_stops" if key == "exposure" else key
-    changed, value_shown = imgui.slider_float(key, value, low, high, text)
+    changed, value_shown = fine_slider(key, value, low, high, text)
     context.record_item_rect(key)
     tooltip(f"{doc} Ctrl+click: exact entry; right click: {reset:g}.")
     if imgui.is_item_clicked(imgui.MouseButton_.right):
