@@ -139,17 +139,17 @@ class App:
 
     def compute_slice(self) -> bool:
         """Computes a slice of the images that are out of date; returns whether more can be computed at once."""
-        renderers, previews = self.context.side_renderers, self.context.plane_previews
+        renderers, previews, kept = self.context.side_renderers, self.context.plane_previews, self.context.kept_pictures
         self._update_requests()
         with self.session.report_errors():
-            changed = renderers.compute_slice() if renderers.is_busy else previews.compute_slice()
-            if changed:
+            first = renderers if renderers.is_busy else previews if previews.is_busy else kept
+            if first.compute_slice():
                 self._fit_exposure()
                 self.awaits_frame = True
                 self.window.wake()
         if self._tunes and not self.is_busy:
             renderers.now.poll_strategy()
-        return renderers.wait_s == 0 if renderers.is_busy else previews.is_busy
+        return renderers.wait_s == 0 if renderers.is_busy else previews.is_busy or kept.is_busy
 
     def _fit_exposure(self) -> None:
         """Fits the exposure to the first picture of a field that has just been opened; this is no step of undo."""

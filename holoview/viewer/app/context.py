@@ -31,6 +31,7 @@ from holoview.viewer.document.optimisation_job import RetinalCurves
 from holoview.viewer.document.received_fields import ReceivedFields
 from holoview.viewer.document.recording_edits import RecordingEditor
 from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.render.kept_pictures import KeptPictures
 from holoview.viewer.render.page_images import PageImages
 from holoview.viewer.render.planes import PlanePreviews
 from holoview.viewer.render.point_probe import PointProbe
@@ -49,7 +50,7 @@ class Command:
     """A command: a unique name, the action, the group (menu) it belongs to, its keys and a sentence of help.
 
     repeats: whether the action is called again while a key is held down. is_urgent: whether its keys work while text is
-    typed, too.
+    typed, too. shares_keys: whether its keys may be those of another such command, never enabled at the same time.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Command:
     repeats: bool = False
     is_enabled: Callable[[], bool] = field(default=lambda: True)
     is_urgent: bool = False
+    shares_keys: bool = False
 
 
 class CommandRegistry:
@@ -86,17 +88,19 @@ class CommandRegistry:
         repeats: bool = False,
         is_enabled: Callable[[], bool] = lambda: True,
         is_urgent: bool = False,
+        shares_keys: bool = False,
     ) -> Command:
-        """Adds a command. keys: chords such as "Ctrl+Z", separated by spaces. repeats, is_urgent: see `Command`.
+        """Adds a command. keys: chords such as "Ctrl+Z", separated by spaces. Other arguments: see `Command`.
 
         Raises ValueError when the name or one of the keys belongs to another command.
         """
         chords = tuple(Chord(text) for text in keys.split())
-        taken = {chord.code: command.name for command in self for chord in command.keys}
+        others = [command for command in self if not (shares_keys and command.shares_keys)]
+        taken = {chord.code: command.name for command in others for chord in command.keys}
         clash = next((taken[chord.code] for chord in chords if chord.code in taken), None)
         if name in self._by_name or clash is not None:
             raise ValueError(f"command {name}: {clash or 'its name'} is taken")
-        command = Command(name, action, group, chords, help, repeats, is_enabled, is_urgent)
+        command = Command(name, action, group, chords, help, repeats, is_enabled, is_urgent, shares_keys)
         self._by_name[name] = command
         return command
 
@@ -296,7 +300,8 @@ class AppContext:
         self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
         self.drag_tool, self.wants_measurement = "", False
         self.picture_place: Rect | None = None
-        self.side_renderers = SideRenderers(device, session, renderer)
+        self.kept_pictures = KeptPictures(device)
+        self.side_renderers = SideRenderers(device, session, renderer, self.kept_pictures)
         self.plane_previews = PlanePreviews(device)
         self.page_images = PageImages(device, session.call_on_owner, session.messages.post_error)
         self.recording_editor = RecordingEditor(session)
@@ -326,6 +331,7 @@ class AppContext:
         return (
             self.side_renderers.is_busy
             or self.plane_previews.is_busy
+            or self.kept_pictures.is_busy
             or self.page_images.is_busy
             or self.point_probe.is_busy
             or self.recording_editor.is_busy
@@ -341,11 +347,12 @@ class AppContext:
         return self.side_renderers.now.is_busy or self.live_measurement.is_busy
 
     def shown_images(self) -> list[ShownImage]:
-        """The full images that are shown: that of the document, then those compared with it; none before the first."""
+        """The full images that are shown: that of the document, then those beside it; none before the first."""
         session, view = self.session, self.session.view_settings
         now = self.side_renderers.xyz(NOW)
         images = [] if now is None else [ShownImage(session.document.title, now, session.target_at())]
-        for side in dict.fromkeys((view.a, view.b)) if images and view.compare != "off" else ():
+        beside = (view.shown,) if view.compare == "off" else (view.a, view.b)
+        for side in dict.fromkeys(beside) if images else ():
             other = None if side in (NOW, TARGET) else self.side_renderers.xyz(side)
             if other is not None:
                 images.append(ShownImage(side.label, other, session.target_for(side)))
@@ -424,6 +431,7 @@ class AppContext:
         self.live_psnr.close()
         self.live_score.close()
         self.side_renderers.close()
+        self.kept_pictures.close()
         self.page_images.close()
         self.point_probe.close()
         self.recording_editor.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -18,7 +19,14 @@ from holoview.viewer.document.document import Document
 from holoview.viewer.document.legend import MAX_BAR_FRACTION, ColourBar, channel_colours, legend_lines, scale_bar
 from holoview.viewer.document.measurements import ImageScore, difference_db, image_psnr_db, sample_pixel
 from holoview.viewer.render.page_images import SeenField
-from holoview.viewer.render.view_settings import DERIVED_PAGES, NOW, TARGET, ViewSettings, displayed_side
+from holoview.viewer.render.view_settings import (
+    DERIVED_PAGES,
+    NOW,
+    TARGET,
+    ComparisonSide,
+    ViewSettings,
+    displayed_side,
+)
 
 _DARK, _WHITE = imgui.IM_COL32(0, 0, 0, 170), imgui.IM_COL32(255, 255, 255, 255)
 
@@ -97,6 +105,9 @@ def describe_image(context: AppContext) -> str:
     if context.session.view_settings.page == "phase":
         return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
     origin = printable(context.session.previewed_document.origin)
+    shown = context.session.snapshots.get(displayed_side(context.session.view_settings).name)
+    if shown is not None and context.session.view_settings.compare == "off":
+        (rows, columns), origin = shown.image_shape, printable(shown.origin)
     return f"{columns} × {rows} samples   {origin}{_scores_text(context)}"
 
 
@@ -112,7 +123,10 @@ def _offer_next_score(context: AppContext, view: ViewSettings) -> None:
 def _scores_text(context: AppContext) -> str:
     """PSNR of the displayed plane and the chosen score beside it; empty without a target, and until it is measured."""
     view = context.session.view_settings
-    if displayed_side(view) != NOW:
+    side = displayed_side(view)
+    if view.compare == "off" and side.kind == "snapshot":
+        return _shown_text(context, side)
+    if side != NOW:
         return ""
     if view.compare != "off" and view.b not in (NOW, TARGET):
         return _difference_text(context, view)
@@ -130,6 +144,19 @@ def _scores_text(context: AppContext) -> str:
     return text
 
 
+def _shown_text(context: AppContext, side: ComparisonSide) -> str:
+    """The PSNR of a hologram that is shown in place of the edited one: to its target, else to number 1."""
+    xyz, target = context.side_renderers.xyz(side), context.session.target_for(side)
+    if xyz is None:
+        return ""
+    if target is not None:
+        psnr_db = context.live_psnr.get(xyz, target, image_psnr_db)
+        return "" if psnr_db is None else f"   PSNR {psnr_db:.1f} dB"
+    now = context.side_renderers.xyz(NOW)
+    psnr_db = None if now is None else context.live_psnr.get(xyz, now, difference_db)
+    return "" if psnr_db is None else f"   PSNR to 1 {psnr_db:.1f} dB"
+
+
 def _difference_text(context: AppContext, view: ViewSettings) -> str:
     """How alike both sides of a comparison are; empty until both are computed, and for images of different sizes."""
     a, b = context.side_renderers.xyz(NOW), context.side_renderers.xyz(view.b)
@@ -140,10 +167,16 @@ def _difference_text(context: AppContext, view: ViewSettings) -> str:
 # --- Texts in the image panel: names of the compared sides, and what is shown while there is no image ---
 
 
-def side_labels(view: ViewSettings, shows_b: bool, has_target: bool) -> list[tuple[str, float]]:
-    """Texts above the image and their positions as fractions of its width."""
-    if view.page != "image" or view.compare == "off":
+def side_labels(view: ViewSettings, shows_b: bool, has_target: bool, names: Sequence[str]) -> list[tuple[str, float]]:
+    """Texts above the image and their positions as fractions of its width.
+
+    names: of the holograms that are open, the edited one first; the shown one is named if there are several.
+    """
+    if view.page != "image":
         return []
+    if view.compare == "off":
+        number = 1 + names[1:].index(view.shown.name) if view.shown.name in names[1:] else 0
+        return [(f"{number + 1}  {printable(names[number])}", 0.0)] if len(names) > 1 else []
     a, b = (
         "no target yet: open a picture" if side == TARGET and not has_target else side.label
         for side in (view.a, view.b)

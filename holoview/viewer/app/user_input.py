@@ -336,6 +336,11 @@ def modifier_named(name: str) -> Key | None:
     return _MODIFIERS.get(name)
 
 
+def digit_pressed() -> int:
+    """The digit key 1…9 that was pressed since the last frame; 1 if a command was run by its name."""
+    return next((n for n in range(1, 10) if imgui.is_key_pressed(Key(Key._0.value + n), False)), 1)
+
+
 @dataclass(frozen=True)
 class Chord:
     """A key with modifiers, written as "Ctrl+Z", "Shift+Left" or "?"."""

@@ -27,7 +27,7 @@ from holoview.holograms.view import random_drive
 from holoview.light.model import preset
 from holoview.light.model.fields import Choice, Word, described_field, field_for, same_field, validate
 from holoview.light.model.system import System
-from holoview.util.errors import UserError
+from holoview.util.errors import UserError, suggest_matches
 from holoview.util.text import printable
 from holoview.viewer.document.document import (
     Document,
@@ -342,6 +342,26 @@ class EditingSession:
         self._snapshots[name] = document or self.document
         self._notify("snapshots")
         return name
+
+    def pin_beside(self, name: str, document: Document) -> str:
+        """Stores a document as a snapshot under a name that no other has, and returns it."""
+        names = (name, *(f"{name} ({n})" for n in range(2, 10_000)))
+        return self.pin(next(free for free in names if free not in self._snapshots), document)
+
+    def edit_snapshot(self, name: str) -> None:
+        """Edits a copy of a snapshot from now on, in one step of undo; the present document is kept as a snapshot.
+
+        It isn't kept twice: not if a snapshot shows the same already. Raises UserError for an unknown name.
+        """
+        if name not in self._snapshots:
+            raise UserError("snapshot", f'"{name}"', remedy=suggest_matches(name, self._snapshots))
+        chosen, present = self._snapshots[name], self.document
+        is_kept = any(of.drive is present.drive and of.system == present.system for of in self._snapshots.values())
+        if not is_kept:
+            self.pin_beside(present.title, present)
+        work = ("system", "drive", "target_spec", "origin", "path", "recorded")
+        self.edit(f"Edit {name}", **{key: getattr(chosen, key) for key in work})
+        self.edit_view("Shown", shown=NOW)
 
     def unpin(self, name: str) -> None:
         """Deletes a snapshot; comparisons with it compare with the present document instead."""

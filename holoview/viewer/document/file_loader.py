@@ -162,6 +162,17 @@ class FileLoader:
         self._openings = [*earlier, job]
         return job
 
+    def open_beside(self, names: str | Path | Sequence[str | Path]) -> BackgroundJob:
+        """Opens holograms or benches beside the present one, which stays; errors become messages."""
+        work = partial(read_content, names, self._session.system, None, most_samples=self._most_samples)
+
+        def keep(content: FileContent) -> None:
+            pinned = [self._pin(of) for of in (content, *content.others)]
+            self._session.edit_view("Shown", shown=ComparisonSide("snapshot", pinned[0]), compare="off", page="image")
+
+        title = f"Open {_title(names)} beside"
+        return self._session.jobs.start(title, lambda control: work(progress=control.report), keep)
+
     @property
     def is_opening(self) -> bool:
         """Whether the files that were opened last are still being read."""
@@ -230,14 +241,28 @@ class FileLoader:
     def _set_beside(self, content: FileContent) -> None:
         """Pins the other holograms as snapshots, and shows the first of them beside the one that was opened."""
         session = self._session
-        for other in reversed(content.others):
-            system = other.system or session.system
-            assert other.drive is not None
-            origin = f"{other.kind} {other.title}"
-            document = replace(session.document, system=system, drive=other.drive, origin=origin, path=other.path)
-            beside = ComparisonSide("snapshot", session.pin(other.title, document))
-        if content.others:
+        names = [self._pin(other) for other in content.others]
+        if names:
+            beside = ComparisonSide("snapshot", names[0])
             session.edit_view("Side by side", a=NOW, b=beside, compare="side-by-side", page="image")
+
+    def _pin(self, content: FileContent) -> str:
+        """Pins a hologram and returns its name. Raises UserError for anything else."""
+        session = self._session
+        if content.drive is None:
+            raise UserError(
+                content.title, f"is a {content.kind}", expected="a hologram or a bench", remedy="open it alone"
+            )
+        origin = f"{content.kind} {content.title}"
+        document = replace(
+            session.document,
+            system=content.system or session.system,
+            drive=content.drive,
+            origin=origin,
+            path=content.path,
+            recorded=content.recorded,
+        )
+        return session.pin_beside(content.title, document)
 
     def _set_target(self, target_spec: TargetSpec) -> None:
         """Sets a new target; the patterns change only if a quick optimisation starts."""

@@ -484,22 +484,40 @@ class ComparedScenes(Protocol):
         """The target (y, x, 3) in linear sRGB at the displayed plane; None until it is built."""
 
 
+class PicturesOfSides(Protocol):
+    """Full pictures of sides that were computed before."""
+
+    def picture(self, side: ComparisonSide, scene: Scene | None) -> DeviceImage | None:
+        """The picture of a side on the device; None unless it shows this scene."""
+
+    def xyz(self, side: ComparisonSide, scene: Scene | None) -> NDArray[np.float32] | None:
+        """The same on the host, XYZ (y, x, 3)."""
+
+
 class SideRenderers:
     """One renderer for each side: call `request` after each change of the scenes, `compute_slice` while `is_busy`.
 
-    now: the renderer of "now", if it has been started already.
+    now: the renderer of "now", if it has been started already. kept: pictures of sides that are there already.
     """
 
-    def __init__(self, device: Device, scenes: ComparedScenes, now: ProgressiveRenderer | None = None) -> None:
+    def __init__(
+        self,
+        device: Device,
+        scenes: ComparedScenes,
+        now: ProgressiveRenderer | None = None,
+        kept: PicturesOfSides | None = None,
+    ) -> None:
         self._device, self._scenes = device, scenes
         self.now = ProgressiveRenderer(device) if now is None else now
         self._others: dict[ComparisonSide, ProgressiveRenderer] = {}
+        self.kept = kept
         self._target: _ShownTarget | None = None
 
     def visible_sides(self) -> tuple[ComparisonSide, ...]:
         """The sides that the view settings show, and "now", which is always kept up to date."""
         view = self._scenes.view_settings
-        return (NOW,) if view.compare == "off" else tuple(dict.fromkeys((NOW, view.a, view.b)))
+        shown = (view.shown,) if view.compare == "off" else (view.a, view.b)
+        return tuple(dict.fromkeys((NOW, *shown)))
 
     def request(self) -> None:
         """Requests the images of the visible sides. Raises UserError for an impossible scene."""
@@ -507,7 +525,7 @@ class SideRenderers:
             if side == TARGET:
                 continue
             scene = self._scenes.scene_for(side)
-            if scene is not None:
+            if scene is not None and (self.kept is None or self.kept.picture(side, scene) is None):
                 self._renderer_for(side).request(scene)
 
     def compute_slice(self) -> bool:
@@ -541,6 +559,9 @@ class SideRenderers:
         """The newest image of a side on the device; None before the first."""
         if side == TARGET:
             return self._target_picture()
+        kept = None if self.kept is None or side == NOW else self.kept.picture(side, self._scenes.scene_for(side))
+        if kept is not None:
+            return kept
         renderer = self.renderer(side)
         return None if renderer is None else renderer.picture
 
@@ -549,6 +570,9 @@ class SideRenderers:
         if side == TARGET:
             target = self._scenes.target_at()
             return None if target is None else target @ SRGB_TO_XYZ.T
+        kept = None if self.kept is None or side == NOW else self.kept.xyz(side, self._scenes.scene_for(side))
+        if kept is not None:
+            return kept
         renderer = self.renderer(side)
         return None if renderer is None else renderer.xyz()
 

@@ -94,7 +94,8 @@ class ViewSettings:
     that of this frame alone, in place of the mean of all.
     stage, quantity: of the light on the page "field", of the frame and the solo laser, or else the first: one of
     `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
-    a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
+    a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a. shown: what is
+    shown while nothing is compared, the edited hologram or a snapshot.
     region, region_name: where speckle is measured, the chosen one of the regions that were drawn; other_regions: the
     rest of them. profile: a line along which light is plotted. cursor: the sample (x, y) whose light is looked into;
     the middle of the image when None.
@@ -125,6 +126,7 @@ class ViewSettings:
     a: ComparisonSide = NOW
     b: ComparisonSide = TARGET
     compare: str = "off"
+    shown: ComparisonSide = NOW
     wipe: float = 0.5
     region: Region | None = None
     region_name: str = "A"
@@ -222,7 +224,7 @@ class ViewSettings:
 
     def with_side_replaced(self, old: ComparisonSide, new: ComparisonSide) -> ViewSettings:
         """A copy in which the side `old` of the comparison is replaced by `new`."""
-        return self.with_(**{key: new for key in ("a", "b") if getattr(self, key) == old})
+        return self.with_(**{key: new for key in ("a", "b", "shown") if getattr(self, key) == old})
 
     def clamped_to(self, lasers: int, shape: tuple[int, int], frames: int, modulators: int) -> ViewSettings:
         """A copy that refers only to what exists: lasers, samples of the image (y, x), frames and modulators."""
@@ -247,10 +249,12 @@ class ViewSettings:
 
 
 def displayed_side(view_settings: ViewSettings) -> ComparisonSide:
-    """The side that is shown where there is room for one: A of a comparison, else the hologram or its target."""
+    """The side that is shown where there is room for one: A of a comparison, else a hologram or the target."""
     if view_settings.page == "target":
         return TARGET
-    return NOW if view_settings.compare == "off" or view_settings.page != "image" else view_settings.a
+    if view_settings.page != "image":
+        return NOW
+    return view_settings.shown if view_settings.compare == "off" else view_settings.a
 
 
 def _clip_region(region: Region | None, shape: tuple[int, int]) -> Region | None:

@@ -8,6 +8,7 @@ from holoview.viewer.app.panels.eye import EyePanel
 from holoview.viewer.app.panels.files import FilesPanel, HistoryPanel
 from holoview.viewer.app.panels.focus import FocusPanel
 from holoview.viewer.app.panels.gamut import GamutPanel
+from holoview.viewer.app.panels.holograms import HologramsPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.lasers import LasersPanel
 from holoview.viewer.app.panels.optimise import OptimisePanel
@@ -37,6 +38,7 @@ ALL: tuple[type[Panel], ...] = (
     FilesPanel,
     HistoryPanel,
     FocusPanel,
+    HologramsPanel,
     RegionsPanel,
     DrawingPanel,
     RigPanel,

@@ -80,6 +80,8 @@ class FilesPanel(Panel):
             return
         add = partial(context.commands.add, "File")
         add("Open…", lambda: self._open(context), "Ctrl+O", "A preset, hologram, patterns, or picture.")
+        beside = "A hologram or bench, to look at beside the present one; keys 1 … 9 switch between them."
+        add("Open beside…", lambda: self._open_beside(context), "Ctrl+Shift+O", beside)
         for save in self._saves:
             add(f"{save.name}…", partial(self._save, context, save), save.keys, save.help)
         light = "A complex field in place of the plane wave before modulator 1."
@@ -159,6 +161,10 @@ class FilesPanel(Panel):
     def _open(self, context: AppContext) -> None:
         suffixes = (*_OPEN_SUFFIXES, *_field_suffixes())
         self.dialog.ask(FileRequest("Open", suffixes, lambda path: context.loader.open(path), takes_folders=True))
+
+    def _open_beside(self, context: AppContext) -> None:
+        suffixes = (".safetensors", ".toml", ".html", *_field_suffixes())
+        self.dialog.ask(FileRequest("Open beside", suffixes, context.loader.open_beside))
 
     def _ask_light(self, context: AppContext) -> None:
         def use(path: Path) -> None:

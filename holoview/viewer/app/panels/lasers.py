@@ -14,6 +14,7 @@ from holoview.light.model.system import System
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.theme import EYE_RANGE_M, laser_colour
+from holoview.viewer.app.user_input import digit_pressed
 from holoview.viewer.app.widgets import coloured, command_button, fine_drag, fine_slider_int, show_tooltip, tooltip
 
 _PLOT_RANGE_NM = (390.0, 720.0)
@@ -54,8 +55,18 @@ class LasersPanel(Panel):
         add("Add a laser", lambda: _add(context), help=gap, is_enabled=lambda: not session.system.is_field)
         everything = partial(context.edit_view, "All lasers", solo=None, muted=frozenset())
         add("All lasers", everything, "0", "Ends solo and mute.")
-        keys = " ".join(str(number) for number in range(1, 10))
-        add("Solo a laser", lambda: _solo(context, _digit_pressed() - 1), keys, "By its number; again: all.")
+        digits = [str(number) for number in range(1, 10)]
+        by_digit = partial(_solo_by_digit, context)
+        add(
+            "Solo a laser",
+            by_digit,
+            " ".join(digits),
+            "By its number; again: all. While several holograms are open, Alt+1 … Alt+9.",
+            is_enabled=lambda: not session.snapshots,
+            shares_keys=True,
+        )
+        alone = " ".join(f"Alt+{digit}" for digit in digits)
+        add("Solo a laser beside holograms", by_digit, alone, "By its number; again: all.")
 
     def draw(self, context: AppContext) -> None:
         system = context.session.system
@@ -205,9 +216,8 @@ def _toggle(label: str, is_on: bool, doc: str) -> bool:
     return pressed
 
 
-def _digit_pressed() -> int:
-    """The digit key 1…9 that was pressed since the last frame; 1 if the command was run by its name."""
-    return next((n for n in range(1, 10) if imgui.is_key_pressed(imgui.Key(imgui.Key._0.value + n), False)), 1)
+def _solo_by_digit(context: AppContext) -> None:
+    _solo(context, digit_pressed() - 1)
 
 
 def _solo(context: AppContext, index: int) -> None:
