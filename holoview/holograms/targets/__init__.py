@@ -2,6 +2,7 @@
 
 target         from a bench and a picture to the focal stack that is optimised for
 focal_stack    `Target`; focal stacks rendered here with incoherent defocus, or read from files; films
+framing        how a picture of another aspect is placed on the modulators: fill, fit, crop
 defocus        light cones, their blur kernels (square or disc), layers of a scene, FFT convolution without wrap-around
 light_field    a scene through a pupil; views from a grid of viewpoints, also from a folder
 moving_pupil   a picture from any place of the pupil, blurred once and then moved; targets of a bench whose eye moves

@@ -383,5 +383,5 @@ def _scene(
     check_saturation(saturation)
     eye = required_eye(system, "target")
     source, shape = picture if isinstance(picture, Picture) else read_picture(picture), make_plan(system).grid.shape
-    rgb = scale_saturation(resize_to_cover(source.rgb, shape), saturation)
+    rgb = scale_saturation(resize_to_cover(source.rgb, shape, placement.framing), saturation)
     return eye, source, rgb, scene_depth(system, placement, source, shape)

@@ -20,6 +20,7 @@ from PIL import Image
 
 from holoview.holograms.files.colour_profile import ColourProfile, matrix_of_primaries
 from holoview.holograms.files.image_reader import Chromaticities, Raster, file_format, read_raster, read_rasters
+from holoview.holograms.targets.framing import FILL, Framing
 from holoview.light.colour import COLOUR_SPACES as SCREEN_SPACES
 from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights, srgb_decode, xyz_to_linear_srgb
 from holoview.util.errors import UserError
@@ -133,34 +134,38 @@ def depth_notes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     return () if file_format(file) == "NPY" else tuple(f"depth map: {note}" for note in read_raster(file).notes)
 
 
-def resize_to_cover(array: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """`array` scaled to cover `shape` (y, x) and cropped about its centre; unchanged if it has that shape already.
+def resize_to_cover(array: NDArray[np.float32], shape: tuple[int, int], framing: Framing = FILL) -> NDArray[np.float32]:
+    """`array` scaled to `shape` (y, x), which it covers, cropped about its centre, or as a framing says.
 
-    Linear light (y, x, channel) is averaged over the source's area, with a filter without negative lobes to avoid
-    ringing. A depth map (y, x) takes the nearest sample: an average across an edge would be a depth at which there is
-    no object.
+    It is unchanged if it has that shape already. Linear light (y, x, channel) is averaged over the source's area, with
+    a filter without negative lobes to avoid ringing; beside a picture it is 0. A depth map (y, x) takes the nearest
+    sample: an average across an edge would be a depth at which there is no object.
 
     Raises ValueError when `shape` isn't positive or `array` has neither two nor three axes.
     """
     if min(shape) < 1 or array.ndim not in (2, 3) or min(array.shape) < 1:
         raise ValueError(f"array {array.shape} and shape {shape}: expected (y, x) or (y, x, channel), and a size ≥ 1")
-    height, width = array.shape[:2]
-    scale = max(shape[0] / height, shape[1] / width)
-    used = shape[0] / scale, shape[1] / scale
-    top, left = (height - used[0]) / 2, (width - used[1]) / 2
-    if scale == 1:
+    rows, columns = array.shape[:2]
+    left, top, width, height = framing.window((rows, columns), shape)
+    scale = shape[0] / height
+    if scale == 1 and framing.kind != "fit":
         y, x = math.floor(top), math.floor(left)
         return np.ascontiguousarray(array[y : y + shape[0], x : x + shape[1]], dtype=np.float32)
     if array.ndim == 2:
-        rows = _nearest(shape[0], top, scale, height)
-        columns = _nearest(shape[1], left, scale, width)
-        return np.ascontiguousarray(array[np.ix_(rows, columns)], dtype=np.float32)
-    box = max(left, 0.0), max(top, 0.0), min(left + used[1], width), min(top + used[0], height)
+        lines = _nearest(shape[0], top, scale, rows)
+        return np.ascontiguousarray(array[np.ix_(lines, _nearest(shape[1], left, scale, columns))], dtype=np.float32)
+    box = max(left, 0.0), max(top, 0.0), min(left + width, columns), min(top + height, rows)
+    size = shape
+    if framing.kind == "fit":
+        size = min(round(rows * scale), shape[0]) or 1, min(round(columns * scale), shape[1]) or 1
     method = Image.Resampling.HAMMING if scale < 1 else Image.Resampling.BILINEAR
     channels = np.moveaxis(np.asarray(array, dtype=np.float32), -1, 0)
-    size = shape[1], shape[0]
-    resized = [np.asarray(Image.fromarray(np.ascontiguousarray(c)).resize(size, method, box)) for c in channels]
-    return np.stack(resized, axis=-1)
+    resized = [np.asarray(Image.fromarray(np.ascontiguousarray(c)).resize(size[::-1], method, box)) for c in channels]
+    light = np.stack(resized, axis=-1)
+    if size == shape:
+        return light
+    y, x = (shape[0] - size[0]) // 2, (shape[1] - size[1]) // 2
+    return np.pad(light, ((y, shape[0] - size[0] - y), (x, shape[1] - size[1] - x), (0, 0)))
 
 
 def _nearest(count: int, start: float, scale: float, size: int) -> NDArray[np.int64]:

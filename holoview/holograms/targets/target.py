@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.targets.defocus import LightCone, diffraction_half_angle
 from holoview.holograms.targets.focal_stack import Target, check_brightness, render_focal_stack
+from holoview.holograms.targets.framing import FILL, Framing
 from holoview.holograms.targets.light_field import ViewingPupil, render_through_pupil
 from holoview.holograms.targets.picture import (
     Picture,
@@ -46,6 +47,8 @@ class Placement:
     nearest_m, farthest_m: distances z of 0 and 1 in the map, m, `nearest_m` the larger; the largest and the smallest of
     the system's planes when None.
 
+    framing: how a picture of another aspect is placed on the modulators.
+
     `target_for` checks the distances against the planes of the system.
 
     >>> import holoview as hv
@@ -57,6 +60,7 @@ class Placement:
     depth: str | os.PathLike[str] | None = None
     nearest_m: float | None = None
     farthest_m: float | None = None
+    framing: Framing = field(default=FILL, repr=False)
 
 
 def target_for(
@@ -112,7 +116,7 @@ def target_for(
     needed = count * math.prod(grid.shape) * _STACK_BYTES
     require_memory("target", needed, remedy="lower shape, upsample or the number of planes")
     depth_m = scene_depth(system, placement, source, grid.shape)
-    rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape), saturation)
+    rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape, placement.framing), saturation)
     planes_m = np.asarray(focused_planes(system) if planes is None else planes, dtype=np.float64)
     if pupil is None and system.eye is not None:
         pupil = pupil_of_eye(system, system.eye, planes_m)
@@ -178,7 +182,7 @@ def scene_depth(
             expected="near at the larger distance: the viewer looks against the light",
             remedy="exchange the two",
         )
-    return nearest + resize_to_cover(depth, shape).astype(np.float64) * (farthest - nearest)
+    return nearest + resize_to_cover(depth, shape, placement.framing).astype(np.float64) * (farthest - nearest)
 
 
 def _check_inside(at_m: float, first: float, last: float, what: str) -> None:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from holoview.holograms.fields.reading import Recording
 from holoview.holograms.load_field import Recorded
+from holoview.holograms.targets.framing import Framing
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.targets.target import Placement
 from holoview.light.model import preset
@@ -185,7 +186,7 @@ class SessionArchive:
     def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
         table = {key: getattr(target_spec, key) for key in _TARGET_KEYS}
         if target_spec.is_example:  # its files are shipped, and lie elsewhere in another installation
-            return table
+            return table | {"framing": asdict(target_spec.placement.framing)}
         placement = asdict(target_spec.placement)
         table["placement"] = placement | {"depth": None if placement["depth"] is None else str(placement["depth"])}
         if isinstance(target_spec.source, Path):
@@ -370,7 +371,8 @@ class _Reader:
         if key not in self._targets:
             table = self._table["targets"][key]
             if table.get("is_example"):
-                source, placement = example_target().source, example_target().placement
+                example, framing = example_target(), record_from_table(Framing, table.get("framing", {}))
+                source, placement = example.source, replace(example.placement, framing=framing)
             else:
                 source, placement = self._target_source(table), record_from_table(Placement, table["placement"])
             self._targets[key] = record_from_table(

@@ -269,6 +269,8 @@ class FileLoader:
         session = self._session
         view_settings = session.document.view_settings_for_picture
         session.edit(f"Target {target_spec.title}", target_spec=target_spec, view_settings=view_settings)
+        if said := target_spec.framing_text(session.system):
+            session.messages.post(f"{target_spec.title}: {said}; the panel Optimise can frame it otherwise")
         if self.optimises_new_targets and not session.system.is_field and running_optimisation(session) is None:
             start_quick_optimisation(session)
 

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from holoview.holograms.files.request import ReadRequest
 from holoview.holograms.load_field import is_field_file, open_hologram
 from holoview.holograms.targets.focal_stack import Target
+from holoview.holograms.targets.framing import Framing
 from holoview.holograms.targets.light_field import LightField, is_light_field, read_light_field
 from holoview.holograms.targets.moving_pupil import StacksAt
-from holoview.holograms.targets.picture import Picture, read_picture
+from holoview.holograms.targets.picture import Picture, read_picture, resize_to_cover
 from holoview.holograms.targets.target import Placement, scene_depth
 from holoview.holograms.targets.target_source import Scene, TargetContent
+from holoview.light.colour import SRGB_TO_XYZ
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -29,6 +31,8 @@ from holoview.viewer.document.jobs import CallOnOwner
 if TYPE_CHECKING:
     from holoview.holograms.fields.field_target import FieldTarget
     from holoview.holograms.optimise.field_loss import ComplexTarget
+
+THUMBNAIL_PX = 320
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +57,23 @@ class TargetSpec:
     def is_field(self) -> bool:
         """Whether it is a complex field."""
         return isinstance(self.source, Path) and is_field_file(self.source)
+
+    def with_framing(self, framing: Framing) -> TargetSpec:
+        """A copy whose picture is placed on the modulators in another way."""
+        return replace(self, placement=replace(self.placement, framing=framing))
+
+    def framing_text(self, system: System) -> str:
+        """What a system cuts off the picture, or leaves black beside it; "" where nothing, and for other targets."""
+        if isinstance(self.source, Path):
+            return ""
+        return self.placement.framing.describe(self.source.rgb.shape[:2], system.modulators[0].shape)
+
+    def framed_part(self, system: System, framing: Framing) -> tuple[float, float, float, float]:
+        """The part of the picture that a framing shows on a system: left, top, right, bottom, as fractions of it."""
+        assert isinstance(self.source, Picture)
+        rows, columns = self.source.rgb.shape[:2]
+        left, top, width, height = framing.window((rows, columns), system.modulators[0].shape)
+        return left / columns, top / rows, (left + width) / columns, (top + height) / rows
 
     @property
     def is_stack(self) -> bool:
@@ -106,6 +127,15 @@ class TargetSpec:
             )
         depth_m = scene_depth(system, self.placement, self.source, make_plan(system).grid.shape)
         return float(np.broadcast_to(depth_m, make_plan(system).grid.shape)[row, column])
+
+
+def thumbnail_xyz(target_spec: TargetSpec) -> NDArray[np.float32]:
+    """The whole picture of a target, XYZ (y, x, 3), at most THUMBNAIL_PX along each side."""
+    assert isinstance(target_spec.source, Picture)
+    rgb = target_spec.source.rgb
+    scale = min(THUMBNAIL_PX / max(rgb.shape[:2]), 1.0)
+    rows, columns = (max(round(size * scale), 1) for size in rgb.shape[:2])
+    return np.asarray(resize_to_cover(rgb, (rows, columns)) @ SRGB_TO_XYZ.T, dtype=np.float32)
 
 
 def example_target() -> TargetSpec:

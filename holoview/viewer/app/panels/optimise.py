@@ -18,12 +18,14 @@ from holoview.holograms.optimise.eyes import (
     PupilGrid,
     parse_pupils,
 )
+from holoview.holograms.targets.picture import Picture
 from holoview.holograms.targets.target import Placement
 from holoview.light.model.fields import Integer, Number, Word, field_for
 from holoview.util.errors import UserError
 from holoview.util.text import printable
 from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
+from holoview.viewer.app.framing import FramingEditor
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import number_field
 from holoview.viewer.app.widgets import (
@@ -65,6 +67,7 @@ class OptimisePanel(Panel):
     dock = "Low right"
 
     def __init__(self) -> None:
+        self._framing = FramingEditor()
         self._step = ""  # of an optimisation that prepares, as it was drawn last
 
     def set_up(self, context: AppContext) -> None:
@@ -91,7 +94,7 @@ class OptimisePanel(Panel):
             return
         job = running_optimisation(context.session)
         self._step = "" if job is None else job.step
-        with room_for_labels("brightness", "colour error", "rows, columns"):
+        with room_for_labels("brightness", "centre x", "colour error", "rows, columns"):
             self._draw_all(context)
 
     def _draw_all(self, context: AppContext) -> None:
@@ -104,6 +107,9 @@ class OptimisePanel(Panel):
         shown = job or last_optimisation(context.session)
         if shown is not None and len(shown.progress) > 1:
             _draw_plot(shown)
+        target_spec = context.session.target_spec
+        if target_spec is not None and isinstance(target_spec.source, Picture):
+            self._framing.draw(context, target_spec)
 
     def has_changed(self, context: AppContext) -> bool:
         """While an optimisation prepares, the seconds pass."""
