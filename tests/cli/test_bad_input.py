@@ -136,7 +136,10 @@ PATTERNS: list[tuple[list[str], list[str]]] = [
 ]
 
 PICTURES: list[tuple[list[str], list[str]]] = [
-    (["text.png"], ["text.png", "is not a picture", "a Radiance HDR, PNG, JPEG, TIFF or OpenEXR"]),
+    (
+        ["text.png"],
+        ["text.png", "is not a picture", "GIF, PNG, JPEG, TIFF or OpenEXR"],
+    ),
     (["half.png"], ["half.png", "truncated or damaged"]),
     (["empty.png"], ["empty.png", "the file is empty"]),
     (["missing.png"], ["missing.png", "no such file", "check the name"]),

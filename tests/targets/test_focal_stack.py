@@ -440,7 +440,7 @@ def test_text_under_another_name_is_refused(tmp_path: Path, bench: Bench, name: 
         says(
             lambda read=read: read(tmp_path / name),
             f"{tmp_path / name}: is not a picture that can be read",
-            "expected a Radiance HDR, PNG, JPEG, TIFF or OpenEXR picture; save it in one of these formats",
+            "WebP, AVIF, HEIC, GIF, PNG, JPEG, TIFF or OpenEXR picture; save it in one of these formats",
         )
 
 

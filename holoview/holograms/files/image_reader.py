@@ -1,10 +1,11 @@
-"""Decodes PNG, JPEG, TIFF, OpenEXR and Radiance HDR files as rasters, without interpreting their colours.
+"""Decodes PNG, JPEG, WebP, AVIF, HEIC, GIF, TIFF, OpenEXR and Radiance HDR files as rasters; colours stay as they are.
 
 The format is recognised by the file's first bytes, never by its name.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import logging
 import lzma
@@ -24,7 +25,7 @@ import numpy as np
 import OpenEXR
 import tifffile
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, features
 
 from holoview.holograms.files.colour_profile import UNREAD_PROFILE, ColourProfile, icc_profile, png_profile
 from holoview.holograms.files.light_arrays import is_npy_of_light, light_arrays
@@ -36,7 +37,7 @@ from holoview.util.packages import import_optional
 from holoview.util.reader_process import Answer, call_in_child, in_child
 from holoview.util.tables import parse_json_table
 
-READABLE_FORMATS = "a Radiance HDR, PNG, JPEG, TIFF or OpenEXR picture"
+READABLE_FORMATS = "a Radiance HDR, WebP, AVIF, HEIC, GIF, PNG, JPEG, TIFF or OpenEXR picture"
 
 EXIF_ORIENTATION = 0x0112
 """Number of the tag by which a camera says how its picture is to be turned."""
@@ -54,7 +55,13 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"\x93NUMPY", "NPY"),
     (b"#?RADIANCE", "HDR"),
     (b"#?RGBE", "HDR"),
+    (b"GIF87a", "GIF"),
+    (b"GIF89a", "GIF"),
 )
+_HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+_PILLOW_FORMATS = {"PNG": "PNG", "JPEG": "JPEG", "WebP": "WEBP", "AVIF": "AVIF", "HEIC": "HEIF", "GIF": "GIF"}
+_PILLOW_DECODERS = {"WebP": "webp", "AVIF": "avif"}
+"""Formats that Pillow reads where it was built with a decoder, by its name."""
 _LIGHT_NPZ = (b"PK\x03\x04", b"about.npy")
 """How an archive of `holoview.holograms.files.light_file` begins, and the name of its first member at byte 30."""
 _PNG_SAMPLES = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # a pixel, by the colour type
@@ -72,8 +79,21 @@ def file_format(path: Path) -> str:
         raise UserError(str(path), "the file is empty", expected=READABLE_FORMATS)
     if head.startswith(_LIGHT_NPZ[0]) and head[30:].startswith(_LIGHT_NPZ[1]):
         return "NPZ"
-    kind = next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
+    kind = next((name for magic, name in _SIGNATURES if head.startswith(magic)), "") or _boxed_format(head)
     return "NPY of light" if kind == "NPY" and is_npy_of_light(path) else kind
+
+
+def _boxed_format(head: bytes) -> str:
+    """WebP, AVIF or HEIC, whose names stand behind the size of the first box; "" for other files."""
+    if head.startswith(b"RIFF") and head[8:12] == b"WEBP":
+        return "WebP"
+    if head[4:8] != b"ftyp":
+        return ""
+    size = int.from_bytes(head[:4], "big")
+    brands = [head[8:12], *(head[at : at + 4] for at in range(16, min(size, len(head)), 4))]
+    if b"avif" in brands or b"avis" in brands:
+        return "AVIF"
+    return "HEIC" if any(brand in _HEIC_BRANDS for brand in brands) else ""
 
 
 def picture_count(path: Path) -> int:
@@ -115,6 +135,46 @@ def read_rasters(path: Path, white: int | None = None) -> Generator[Raster]:
     with in_child(str(path), path, partial(_next_raster, path, kind, white)) as ask:
         while (raster := ask(None)) is not None:
             yield raster
+
+
+ANIMATED = ("PNG", "WebP", "AVIF", "GIF")
+"""Formats whose files may hold an animation."""
+
+
+def animation_count(path: Path) -> int:
+    """Number of pictures of an animation; 1 for other pictures. Raises UserError as `read_raster` does."""
+    kind = _supported_format(path)
+    return call_in_child(str(path), path, partial(_count_frames, path, kind)) if kind in ANIMATED else 1
+
+
+def _count_frames(path: Path, kind: str) -> int:
+    with _naming_file(path, kind), Image.open(path, formats=(_PILLOW_FORMATS[kind],)) as opened:
+        return int(getattr(opened, "n_frames", 1))
+
+
+def read_animation(path: Path) -> Generator[Raster]:
+    """Every picture of an animation, decoded one after the other. Raises UserError as `read_raster` does."""
+    kind = _supported_format(path)
+    with in_child(str(path), path, partial(_next_frame, path, kind)) as ask:
+        while (raster := ask(None)) is not None:
+            yield raster
+
+
+@contextmanager
+def _next_frame(path: Path, kind: str) -> Iterator[Answer]:
+    """Answers each request with the next picture, None after the last."""
+    with closing(_frames(path, kind)) as frames:
+        yield lambda _: next(frames, None)
+
+
+def _frames(path: Path, kind: str) -> Generator[Raster]:
+    with _naming_file(path, kind), Image.open(path, formats=(_PILLOW_FORMATS[kind],)) as opened:
+        count = getattr(opened, "n_frames", 1)
+        require_picture_memory(path, opened.width, opened.height, 4, 2 * path.stat().st_size)
+        for number in range(count):
+            opened.seek(number)
+            pixels = integers_to_unit_range(np.asarray(opened.convert("RGBA")))
+            yield split_alpha(pixels, encoded=True, page=f"picture {number + 1}")
 
 
 @contextmanager
@@ -167,7 +227,7 @@ def _read_png(path: Path, white: int | None) -> Raster:
     chunks = dict(png_chunks(data))
     profile, note = png_profile(chunks.items())
     if bits != 16:
-        raster = _read_with_pillow(path)
+        raster = _read_with_pillow(path, "PNG")
     else:
         significant = next(iter(chunks.get(b"sBIT", b"")), 0)
         scaled = unit_range(decode_deep_png(data), white, (1 << significant) - 1, "sBIT")
@@ -186,30 +246,44 @@ def _with_profile(raster: Raster, profile: ColourProfile | None) -> Raster:
     return replace(raster, profile=profile, notes=(*raster.notes, f"converted from its colour space, {profile.title}"))
 
 
-def _read_with_pillow(path: Path) -> Raster:
-    """8-bit PNG and JPEG: palettes and CMYK become RGB, and the picture is turned as its EXIF orientation says."""
+def _read_boxed(kind: str, path: Path, white: int | None) -> list[Raster]:
+    """A WebP, AVIF or HEIC picture. Raises UserError where no decoder of it is installed."""
+    if kind == "HEIC":
+        if importlib.util.find_spec("pillow_heif") is None:
+            remedy = "install pillow-heif, or save it as PNG or JPEG"
+            raise UserError(str(path), "is a HEIC picture, of which no decoder is installed", remedy=remedy)
+        importlib.import_module("pillow_heif").register_heif_opener()
+    elif not features.check(_PILLOW_DECODERS[kind]):
+        remedy = "install Pillow 11.3 or newer, or save it as PNG or JPEG"
+        raise UserError(str(path), f"is a picture of kind {kind}, of which no decoder is installed", remedy=remedy)
+    return [_read_with_pillow(path, kind)]
+
+
+def _read_with_pillow(path: Path, kind: str) -> Raster:
+    """A picture of 8 bits: palettes and CMYK become RGB, and it is turned as its EXIF orientation says."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of metadata that are damaged or too many, which aren't used
-        return _decode_with_pillow(path)
+        return _decode_with_pillow(path, kind)
 
 
-def _decode_with_pillow(path: Path) -> Raster:
-    with Image.open(path, formats=("PNG", "JPEG")) as opened:
+def _decode_with_pillow(path: Path, kind: str) -> Raster:
+    with Image.open(path, formats=(_PILLOW_FORMATS[kind],)) as opened:
         samples = max(len(opened.getbands()), 3 if opened.mode == "P" else 1)
         require_picture_memory(path, opened.width, opened.height, samples, 2 * path.stat().st_size)
+        frames = getattr(opened, "n_frames", 1)
         opened.load()
         upright = ImageOps.exif_transpose(opened)
     notes: tuple[str, ...] = ()
     if opened.getexif().get(EXIF_ORIENTATION, 1) != 1:
         notes = ("turned upright as the camera's orientation flag says",)
-    if (frames := getattr(opened, "n_frames", 1)) > 1:
+    if frames > 1:
         notes += (f"an animation of {frames} pictures, the first is used",)
     if "transparency" in upright.info or upright.mode == "PA":
         upright = upright.convert("RGBA")
     elif upright.mode not in ("L", "LA", "RGB", "RGBA"):
         upright = upright.convert("L" if upright.mode == "1" else "RGB")
     profile = None
-    if opened.format == "JPEG" and (data := opened.info.get("icc_profile")):
+    if opened.format != "PNG" and (data := opened.info.get("icc_profile")):
         profile = icc_profile(data) if opened.mode in ("L", "RGB") else None
         notes += () if profile else (UNREAD_PROFILE,)
     is_stated = opened.getexif().get_ifd(_EXIF_IFD).get(_EXIF_COLOUR_SPACE) == _EXIF_SRGB
@@ -885,7 +959,9 @@ def _unpack_runs(data: bytes, place: int, line: NDArray[np.uint8]) -> int:
 
 _READERS: dict[str, Callable[[Path, int | None], Iterable[Raster]]] = {
     "PNG": lambda path, white: [_read_png(path, white)],
-    "JPEG": lambda path, white: [_read_with_pillow(path)],
+    "JPEG": lambda path, white: [_read_with_pillow(path, "JPEG")],
+    "GIF": lambda path, white: [_read_with_pillow(path, "GIF")],
+    **{kind: partial(_read_boxed, kind) for kind in ("WebP", "AVIF", "HEIC")},
     "TIFF": tiff_pictures,
     "OpenEXR": lambda path, white: exr_pictures(path),
     "NPZ": lambda path, white: light_pictures(path),

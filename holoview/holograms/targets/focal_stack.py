@@ -31,11 +31,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.files.image_reader import natural_sort_key, picture_count
+from holoview.holograms.files.image_reader import (
+    ANIMATED,
+    animation_count,
+    file_format,
+    natural_sort_key,
+    picture_count,
+)
 from holoview.holograms.targets.defocus import LayerBlur, LightCone, checked_depth, layer_count, split_layers
 from holoview.holograms.targets.picture import (
     Picture,
     check_saturation,
+    read_animated,
     read_picture,
     read_pictures,
     resize_to_cover,
@@ -166,7 +173,7 @@ def _composite_layers(
 # --- stacks rendered elsewhere: a folder, TIFF pages, OpenEXR parts or layers -----------------------------------------
 
 
-_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".npz")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".avif", ".heic", ".gif", ".tif", ".tiff", ".exr", ".hdr", ".npz")
 
 StackSource = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 """A folder, a file of several pictures, or the files of single pictures."""
@@ -289,7 +296,7 @@ def merge_notes(pictures: Sequence[Picture]) -> tuple[str, ...]:
 
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 """Of video files."""
-_EXPECTED = f"a video file ({', '.join(SUFFIXES)})"
+_EXPECTED = f"a video file ({', '.join(SUFFIXES)}) or an animated picture"
 _CONTAINERS = {"format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi", "protocol_whitelist": "file"}
 """What FFmpeg may take a file for: lists of other files, which it would open, are none of them."""
 
@@ -315,6 +322,8 @@ class Film:
                 raise UserError(str(self.path), "has no pictures", expected="the pictures of a film, or " + _EXPECTED)
             return
         require_file(self.path, _EXPECTED)
+        if self._is_animation:
+            return
         if not is_video(self.path):
             raise UserError(str(self.path), "isn't a film", expected=f"{_EXPECTED}, or a folder of pictures")
         with self._stream():
@@ -325,6 +334,8 @@ class Film:
         """The number of pictures; 0 if it isn't known before they are read."""
         if self.path.is_dir():
             return len(self._files)
+        if self._is_animation:
+            return animation_count(self.path)
         with self._stream() as (_, stream):
             return int(stream.frames)
 
@@ -338,10 +349,17 @@ class Film:
                 check_white(picture, first)
                 yield picture
             return
+        if self._is_animation:
+            yield from read_animated(self.path)
+            return
         with self._stream() as (container, stream):
             for number, frame in enumerate(container.decode(stream)):
                 light = srgb_decode(frame.to_ndarray(format="rgb24") / 255.0)
                 yield Picture(light.astype(np.float32), f"{self.path}, picture {number}")
+
+    @property
+    def _is_animation(self) -> bool:
+        return not is_video(self.path) and file_format(self.path) in ANIMATED and animation_count(self.path) > 1
 
     @property
     def _files(self) -> list[Path]:

@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.holograms.files.colour_profile import ColourProfile, matrix_of_primaries
-from holoview.holograms.files.image_reader import Chromaticities, Raster, file_format, read_raster, read_rasters
+from holoview.holograms.files.image_reader import (
+    Chromaticities,
+    Raster,
+    file_format,
+    read_animation,
+    read_raster,
+    read_rasters,
+)
 from holoview.holograms.targets.framing import FILL, Framing
 from holoview.light.colour import COLOUR_SPACES as SCREEN_SPACES
 from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights, srgb_decode, xyz_to_linear_srgb
@@ -61,6 +68,12 @@ def read_pictures(path: str | os.PathLike[str], space: str = "srgb") -> Iterator
     """Every picture of a file (TIFF pages, OpenEXR parts or layers), one after the other, as `read_picture` does."""
     for raster in read_rasters(Path(path), white_of(space)):
         yield _to_picture(Path(path), raster, space)
+
+
+def read_animated(path: str | os.PathLike[str]) -> Iterator[Picture]:
+    """Every picture of an animation (GIF, WebP, PNG, AVIF), one after the other, as `read_picture` does."""
+    for raster in read_animation(Path(path)):
+        yield _to_picture(Path(path), raster, "srgb")
 
 
 def _to_picture(file: Path, raster: Raster, space: str) -> Picture:

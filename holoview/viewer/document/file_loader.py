@@ -462,7 +462,7 @@ def _file(path: Path, system: System, open_field: Callable[[list[Path], ReadRequ
     kind = file_format(path)
     if kind == "PNG" and is_pattern_png(path, system):
         return _patterns([path], system)
-    if kind in ("PNG", "JPEG", "TIFF", "OpenEXR", "HDR", "NPZ"):
+    if kind in ("PNG", "JPEG", "WebP", "AVIF", "HEIC", "GIF", "TIFF", "OpenEXR", "HDR", "NPZ"):
         return _stack(path) if is_stack(path) else _picture(path)
     file_type = format_of(path)
     if file_type in ("holoview-hologram", "holoview-field"):

@@ -44,7 +44,10 @@ from holoview.viewer.document.region_table import save_profile, save_regions
 from holoview.viewer.render.tone_mapping import compose_comparison
 from holoview.viewer.render.view_settings import DERIVED_PAGES, displayed_side
 
-_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".csv", ".html")
+_OPEN_SUFFIXES = (
+    *(".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".webp", ".avif", ".heic", ".heif", ".gif", ".tif", ".tiff"),
+    *(".exr", ".hdr", ".csv", ".html"),
+)
 
 
 @dataclass(frozen=True)
