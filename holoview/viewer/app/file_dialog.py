@@ -15,6 +15,7 @@ from holoview.util.text import printable
 from holoview.viewer.app import theme
 from holoview.viewer.app.widgets import tooltip
 from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import FileLoader
 from holoview.viewer.document.session_store import SavedSession, SessionStore
 
 _ROWS = 12
@@ -179,6 +180,43 @@ def centre_next_window(width: float) -> None:
 
 
 _RECOVER = "Recover your work"
+
+
+class AnimationOffer:
+    """Asks of an animation that was opened whether it is a film, or its first picture is the target.
+
+    loader: which has opened it. follow: called with the path to show its pictures one after the other. It is a card, no
+    dialog: work goes on, with the first picture.
+    """
+
+    title = "Animation"
+
+    def __init__(self, loader: FileLoader, follow: Callable[[str], object], session: EditingSession) -> None:
+        self._loader, self._follow, self._session = loader, follow, session
+
+    def draw(self) -> None:
+        """Draws the card while the question is open."""
+        content = self._loader.animation
+        if content is None:
+            return
+        place = imgui.get_main_viewport()
+        middle = imgui.ImVec2(place.work_pos.x + place.work_size.x / 2, place.work_pos.y + 60)
+        imgui.set_next_window_pos(middle, imgui.Cond_.always, imgui.ImVec2(0.5, 0.0))
+        is_shown, is_open = imgui.begin("Animation", True, theme.CARD | imgui.WindowFlags_.no_focus_on_appearing)
+        if is_shown:
+            imgui.text(f"{printable(content.title)} is an animation of {content.pictures} pictures. Show it")
+            if imgui.button("As a film"):
+                self._loader.animation = None
+                with self._session.report_errors():
+                    self._follow(str(content.path))
+            tooltip("The hologram follows its pictures, one after the other, until it is kept or cancelled.")
+            imgui.same_line()
+            if imgui.button("Its first picture"):
+                with self._session.report_errors():
+                    self._loader.take_first_picture()
+        imgui.end()
+        if not is_open:
+            self._loader.animation = None
 
 
 class RecoveryDialog:

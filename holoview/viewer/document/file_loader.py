@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from holoview.holograms.fields.reading import ReadRequest
-from holoview.holograms.files.image_reader import file_format, require_picture_memory
+from holoview.holograms.files.image_reader import animation_count, file_format, require_picture_memory
 from holoview.holograms.files.pictures import read_pattern
 from holoview.holograms.files.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.holograms.files.readers.registry import is_readable
@@ -124,7 +124,8 @@ class FileLoader:
     """Opens files into a session in the background, and reloads a displayed hologram file when it is rewritten.
 
     remember: called with the path of each file that was opened. quick: whether a quick optimisation starts for a new
-    target, at first; later `optimises_new_targets` says so. most_samples: as of `read_content`.
+    target, at first; later `optimises_new_targets` says so. animation: the file that was opened last, if it holds an
+    animation of which nobody has said whether it is a film or its first picture. most_samples: as of `read_content`.
     """
 
     def __init__(
@@ -137,6 +138,7 @@ class FileLoader:
     ) -> None:
         self.optimises_new_targets, self._most_samples = quick, most_samples
         self._session, self._remember = session, remember
+        self.animation: FileContent | None = None
         self._watcher: FileWatcher | None = None
         self._openings: list[BackgroundJob] = []
         self._rereading: BackgroundJob | None = None
@@ -196,6 +198,7 @@ class FileLoader:
         session = self._session
         for note in content.notes:
             session.messages.post(f"{content.title}: {note}")
+        self.animation = content if content.pictures > 1 else None
         if content.target_spec is not None:
             self._set_target(content.target_spec)
         elif content.pupil_path is not None:
@@ -271,6 +274,17 @@ class FileLoader:
         session.edit(f"Target {target_spec.title}", target_spec=target_spec, view_settings=view_settings)
         if said := target_spec.framing_text(session.system):
             session.messages.post(f"{target_spec.title}: {said}; the panel Optimise can frame it otherwise")
+        if self.animation is None:
+            self._optimise_quickly()
+
+    def take_first_picture(self) -> None:
+        """Keeps the first picture of an animation as the target."""
+        self.animation = None
+        self._optimise_quickly()
+
+    def _optimise_quickly(self) -> None:
+        """Starts a quick optimisation for a new target, if that is wanted."""
+        session = self._session
         if self.optimises_new_targets and not session.system.is_field and running_optimisation(session) is None:
             start_quick_optimisation(session)
 
@@ -363,7 +377,7 @@ def _title(names: str | Path | Sequence[str | Path]) -> str:
 
 _EXPECTED = (
     "a preset, a hologram file or page, a field of another program, pattern PNGs, "
-    "a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
+    "a picture (PNG, JPEG, WebP, AVIF, TIFF, OpenEXR), or a pupil path (CSV)"
 )
 
 
@@ -374,7 +388,8 @@ class FileContent:
     kind: "hologram", "page", "preset", "patterns", "picture", "stack", "pupil path" or "field".
     plane_m: the focal plane that it is to be shown at; None for that of the viewer.
     region: the measured region that it is to be shown with; None likewise.
-    recorded: the recording that a field is cut out of. others: what is to be shown beside it.
+    recorded: the recording that a field is cut out of. others: what is to be shown beside it. pictures: of an
+    animation, the first of which is the target.
     """
 
     kind: str
@@ -389,6 +404,7 @@ class FileContent:
     notes: tuple[str, ...] = field(default=())
     recorded: Recorded | None = None
     others: tuple[FileContent, ...] = ()
+    pictures: int = 1
 
 
 @dataclass(frozen=True)
@@ -524,7 +540,8 @@ def _picture(path: Path) -> FileContent:
     picture = read_picture(path)
     depth = depth_beside(path)
     notes = picture.notes + ((f"{depth.name} beside it isn't used",) if depth else ())
-    return FileContent("picture", path.name, target_spec=TargetSpec(picture, path.name), path=path, notes=notes)
+    target_spec, pictures = TargetSpec(picture, path.name), animation_count(path)
+    return FileContent("picture", path.name, target_spec=target_spec, path=path, notes=notes, pictures=pictures)
 
 
 def _stack(path: Path) -> FileContent:

@@ -19,7 +19,7 @@ from holoview.util.errors import UserError
 from holoview.util.text import plain_name
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.desktop import copy_picture, paste_picture
-from holoview.viewer.app.file_dialog import FileDialog, FileRequest, RecoveryDialog
+from holoview.viewer.app.file_dialog import AnimationOffer, FileDialog, FileRequest, RecoveryDialog
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.widgets import coloured, command_button, pale, share_of_width, tooltip
 from holoview.viewer.document.editing_session import EditingSession
@@ -77,7 +77,8 @@ class FilesPanel(Panel):
         """Adds the commands of the File menu, the file dialog, and the dialog that recovers sessions after a crash."""
         self.dialog = FileDialog(context.session)
         self.recovery = RecoveryDialog(context.session, context.store)
-        context.overlays += [self.recovery, self.dialog]
+        offer = AnimationOffer(context.loader, partial(_follow, context), context.session)
+        context.overlays += [offer, self.recovery, self.dialog]
         self._saves = [] if context.is_read_only else self._all_saves(context)
         if context.is_read_only:
             return
