@@ -132,3 +132,16 @@ def test_a_field_without_a_recording_takes_the_circle_away(gui: Gui) -> None:
     gui.session.edit("Another field", drive=np.ones_like(gui.session.drive))
     gui.draw_until_idle()
     assert gui.session.document.recorded is None and gui.context.recording_editor.chosen is None
+
+
+def test_the_numbers_of_the_circle_are_typed(gui: Gui) -> None:
+    left, top, right, bottom = gui.context.item_rects["numbers of the order"]
+    before = order_of(gui)
+    gui.click((left + 0.1 * (right - left), (top + bottom) / 2))
+    gui.press_chord("Ctrl+A")
+    gui.type_text("0.21")
+    gui.press_chord("Enter")
+    assert gui.session.wait_until_idle(60)
+    gui.draw_until_idle()
+    assert order_of(gui).carrier == pytest.approx((before.carrier[0], 0.21), abs=1e-4), "four digits are shown"
+    assert order_of(gui).origin == "given"

@@ -223,6 +223,37 @@ def test_a_real_window_draws_answers_rests_and_saves(
     assert np.array_equal(load_hologram(written).drive, session.drive)
 
 
+@pytest.mark.explores
+def test_regions_and_kept_holograms_by_a_real_hand_are_saved(
+    display: str, make_gui: Callable[..., Gui], tmp_path: Path
+) -> None:
+    """Two regions drawn with the pointer, one chosen by a click, a snapshot, and a digit that shows it."""
+    bench = tmp_path / "bench.toml"
+    preset.save(_tiny_bench(), bench)
+    twin = make_gui(_tiny_bench(name="bench"), size=SIZE)
+    twin.draw_until_idle()
+    screen = Screen(display, tmp_path, [str(bench)])
+    try:
+        screen.wait_for(_is_busy_inside(twin.context.item_rects["image"]))
+        screen.xdotool("keydown", "shift")
+        screen.drag(twin.item_position("image", 0.3, 0.45), twin.item_position("image", 0.45, 0.55))
+        screen.drag(twin.item_position("image", 0.6, 0.45), twin.item_position("image", 0.75, 0.55))
+        screen.xdotool("keyup", "shift")
+        screen.xdotool("mousemove", *map(round, twin.item_position("image", 0.37, 0.47)), "click", 1)
+        store = SessionStore(tmp_path / "holoview")
+        screen.wait_until(lambda: _labels(store).endswith("Choose a region"))
+        screen.xdotool("key", "p", "key", "2")
+        screen.wait_until(lambda: _labels(store).endswith("Shown"))
+        (saved,) = store.saved_sessions()
+        session = saved.restore()
+        view = session.view_settings
+        assert [of.name for of in view.regions] == ["A", "B"] and view.region_name == "A"
+        assert view.shown.name in session.snapshots and not session.can_undo
+    finally:
+        screen.viewer.kill()
+        screen.viewer.wait(PATIENCE_S)
+
+
 def _tiny_bench(**changes: Any) -> System:
     return small_bench(shape=[32, 48], **changes)
 

@@ -11,6 +11,7 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.holograms.fields.reading import Recording
+from holoview.holograms.files.request import Order
 from holoview.holograms.load_field import Recorded
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
@@ -64,9 +65,7 @@ class RecordingPanel(Panel):
         if chosen.recording.kind != "off-axis":
             return
         picture = context.page_images.recording(chosen.recording.pictures, self._wavelength)
-        order = chosen.recording.orders[self._wavelength]
-        y, x = order.carrier
-        imgui.text_wrapped(f"x {x:+.4f}, y {y:+.4f}, radius {order.radius:.4f} cycles a pixel")
+        order = _draw_numbers(context, chosen, self._wavelength)
         if picture is None:
             return
         available = imgui.get_content_region_avail()
@@ -143,3 +142,19 @@ class RecordingPanel(Panel):
                 context.recording_editor.choose(chosen.with_order(self._wavelength, order))
         if imgui.is_item_deactivated():
             context.recording_editor.end_drag()
+
+
+def _draw_numbers(context: AppContext, chosen: Recorded, wavelength: int) -> Order:
+    """Centre and radius of the circle, to be typed; returns the order as it is then."""
+    order = chosen.recording.orders[wavelength]
+    shown = [order.carrier[1], order.carrier[0], order.radius]
+    is_entered, (x, y, radius) = imgui.input_float3("x y r", shown, "%.4f", imgui.InputTextFlags_.enter_returns_true)
+    context.record_item_rect("numbers of the order")
+    tooltip("Centre and radius of the circle, cycles a pixel; Enter takes them over.")
+    if is_entered:
+        centre = [float(f"{min(max(f, -0.5), 0.5):.6g}") for f in (y, x)]
+        radius = min(max(float(f"{radius:.6g}"), _RADII[0]), _RADII[1])
+        order = replace(order, carrier=(centre[0], centre[1]), radius=radius, origin="given")
+        context.recording_editor.choose(chosen.with_order(wavelength, order))
+        context.recording_editor.end_drag()
+    return order

@@ -9,6 +9,7 @@ import numpy as np
 from imgui_bundle import imgui, implot
 
 from holoview.holograms.metrics.speckle import SpeckleHistogram
+from holoview.util.text import printable
 from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
@@ -16,6 +17,7 @@ from holoview.viewer.app.plots import draw_retinal_curve, draw_retinal_state
 from holoview.viewer.app.widgets import command_button, dimmed, share_of_width, tooltip, wrapped_text
 from holoview.viewer.document.measurements import ContrastCurve, ImageMeasurements, LineProfile
 from holoview.viewer.document.optimisation_job import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
+from holoview.viewer.render.view_settings import NOW
 
 _TIPS = {
     "Contrast": "Standard deviation over mean of the luminance. Fully developed speckle has 1; N independent patterns "
@@ -67,6 +69,10 @@ class SpecklePanel(Panel):
         if measurements is None:
             imgui.text_disabled("The image is on its way.")
         else:
+            if context.session.view_settings.shown != NOW:
+                title = printable(context.session.document.title)
+                text = f"Of 1, {title}, which is edited; the table of all regions has those of the shown one too."
+                wrapped_text(text, theme.signal_colour("warning"))
             with dimmed(context.has_old_figures):
                 _draw_numbers(context, measurements)
             draw_retinal_curve(context)
