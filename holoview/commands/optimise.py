@@ -195,9 +195,9 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         group,
         "target",
         metavar="TARGET",
-        help="a picture (PNG, JPEG, WebP, AVIF, TIFF, EXR), a focal stack (a folder, TIFF pages, EXR), or a light field "
-        "(a folder with views.toml), a complex field (its light in the planes), or a film (MP4 and others), of whose holograms "
-        "each begins with the last one",
+        help="a picture (PNG, JPEG, WebP, AVIF, TIFF, EXR), a focal stack (a folder, TIFF pages, EXR), a light field "
+        "(a folder with views.toml), a complex field (its light in the planes), or a film (MP4 and others), of whose "
+        "holograms each begins with the last one",
     )
     group.add_argument("--film", action="store_true", help="the folder TARGET holds the pictures of a film")
     group.add_argument(
