@@ -143,7 +143,8 @@ def is_item_held() -> bool:
 def _key_steps() -> float:
     """The steps by which keys change the last item: the one under the pointer, or that which was clicked last."""
     io = imgui.get_io()
-    if io.want_text_input or not (imgui.is_item_hovered() or imgui.is_item_focused()):
+    has_keys = imgui.is_item_hovered() or (imgui.is_item_focused() and not io.nav_visible)  # else arrows go to others
+    if io.want_text_input or not has_keys:
         return 0.0
     for key in _STEP_KEYS:
         imgui.set_item_key_owner(key)

@@ -89,7 +89,9 @@ class HologramsPanel(Panel):
         self._draw_strip(context, open_sides(context))
 
     def _draw_strip(self, context: AppContext, sides: list[ComparisonSide]) -> None:
-        if not imgui.begin_child("holograms", imgui.ImVec2(0, 0), 0, imgui.WindowFlags_.horizontal_scrollbar):
+        if not imgui.begin_child(
+            "holograms", imgui.ImVec2(0, 0), imgui.ChildFlags_.nav_flattened, imgui.WindowFlags_.horizontal_scrollbar
+        ):
             imgui.end_child()
             return
         height = max(imgui.get_content_region_avail().y - imgui.get_style().scrollbar_size, _LEAST_TILE_PX)

@@ -278,4 +278,6 @@ def _swap(context: AppContext) -> None:
 
 def _pin(context: AppContext) -> None:
     name = context.session.pin()
-    context.session.messages.post(f"pinned as {name}: choose it as A or B to compare with")
+    number = list(context.session.snapshots).index(name) + 2  # 1 is the hologram that is edited
+    key = f"the key {number} shows it; " if number <= 9 else ""
+    context.session.messages.post(f"pinned as {name}: {key}choose it as A or B to compare with")
