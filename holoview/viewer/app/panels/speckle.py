@@ -36,6 +36,7 @@ _PROFILE_COLOURS = {
     "G": imgui.ImVec4(0.25, 0.65, 0.32, 0.7),
     "B": imgui.ImVec4(0.35, 0.45, 0.90, 0.7),
 }
+_LEGEND_ROOM = 1.4  # of the height of a plot, over its values
 _NAMES = {"Contrast": "speckle contrast", "Cones": "as cones see it", "Grains": "grains", "Mean": "mean luminance"}
 
 
@@ -212,14 +213,16 @@ def _draw_profiles(profiles: Sequence[LineProfile]) -> None:
     """Luminance, R, G and B of the first image, and the luminance of those beside it."""
     first = profiles[0]
     x, top = first.distance_m * 1e3, max(float(of.values.max()) for of in profiles)
-    with plots.plot("profile", "mm", "1 = white", (0, float(x[-1])), (0, 1.05 * max(top, 1e-9))) as is_open:
+    span, high, above = (0, float(x[-1])), (0, _LEGEND_ROOM * max(top, 1e-9)), implot.Location_.north
+    with plots.plot("profile", "mm", "1 = white", span, high, above, has_flat_legend=True) as is_open:
         if is_open:
             for number, (name, colour) in enumerate(_PROFILE_COLOURS.items(), start=1):
                 plots.line(name, x, first.values[:, number], colour)
-            plots.line("luminance", x, first.values[:, 0], theme.signal_colour("accent"))
+            plots.line("Y", x, first.values[:, 0], theme.signal_colour("accent"))
             for number, other in enumerate(profiles[1:]):
                 colour = theme.signal_colour("warning") if number == 0 else plots.GREY
-                plots.line(f"luminance of {other.image}", other.distance_m * 1e3, other.values[:, 0], colour)
+                plots.line(f"Y of {other.image}", other.distance_m * 1e3, other.values[:, 0], colour)
+    tooltip("Y: luminance. R, G, B: linear sRGB. Of an image beside it, the luminance.")
 
 
 def _header(name: str) -> bool:
