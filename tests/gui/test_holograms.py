@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -164,3 +165,23 @@ def test_a_picture_cant_be_opened_beside(gui: Gui, tmp_path: Path) -> None:
     gui.context.loader.open_beside(tmp_path / "picture.png")
     assert gui.session.wait_until_idle(PATIENCE_S)
     assert "picture.png" in gui.last_message() and "expected" in gui.last_message() and len(gui.session.snapshots) == 2
+
+
+def test_a_moment_without_light_leaves_the_panels_alive(make_gui: Callable[..., Gui]) -> None:
+    """As an optimisation makes one that switches the only laser shown off; `make_gui` tells of panels that failed."""
+    gui = make_gui(size=(1100, 700))
+    gui.draw_until_idle()
+    gui.session.pin("kept")
+    gui.session.edit_view("Look", solo=0, has_legend=True, has_scale_bar=True, shown=ComparisonSide("snapshot", "kept"))
+    for panel in ("Regions", "Holograms"):
+        gui.context.show_panel(panel)
+        gui.draw_frames(3)
+        gui.draw_until_idle()
+    document = gui.session.document
+    dark = document.system.edit({"amplitudes": [0.0, 1.0, 1.0]})
+    gui.session.set_preview(document, dataclasses.replace(document, system=dark))
+    for panel in ("Regions", "Holograms"):
+        gui.context.show_panel(panel)
+        gui.draw_frames(5)
+    gui.session.set_preview(None)
+    gui.draw_until_idle()

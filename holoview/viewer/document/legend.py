@@ -65,7 +65,7 @@ def legend_lines(document: Document) -> list[str]:
         further.append(f"exposure {view.exposure_stops:+.3g} stops")
     if view.channel != "colour":
         further.append(view.channel)
-    lines = [f"plane {plane}{dioptres}", f"lasers {lit} nm"]
+    lines = [f"plane {plane}{dioptres}", f"lasers {lit} nm" if lit else "no laser"]
     return [*lines, ", ".join(further)] if further else lines
 
 

@@ -33,7 +33,7 @@ def region_rows(session: EditingSession, images: Sequence[ShownImage]) -> list[R
     Raises UserError while there is no image.
     """
     _require_images(images)
-    document = session.displayed_document
+    document = session.document
     return [row for image in images for row in measure_regions(image, document.measured_regions, document.image_shape)]
 
 
@@ -65,7 +65,7 @@ def save_profile(session: EditingSession, path: Path, images: Sequence[ShownImag
     Raises UserError without a line, and while there is no image.
     """
     _require_images(images)
-    document = session.displayed_document
+    document = session.document
     line = document.view_settings.profile
     if line is None:
         raise UserError("profile", "no line", expected="one drawn on the image", remedy="press Shift+L and drag")

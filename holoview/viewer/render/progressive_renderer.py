@@ -22,6 +22,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, wait
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Protocol
@@ -559,7 +560,7 @@ class SideRenderers:
         """The newest image of a side on the device; None before the first."""
         if side == TARGET:
             return self._target_picture()
-        kept = None if self.kept is None or side == NOW else self.kept.picture(side, self._scenes.scene_for(side))
+        kept = None if self.kept is None or side == NOW else self.kept.picture(side, self._scene_of(side))
         if kept is not None:
             return kept
         renderer = self.renderer(side)
@@ -570,7 +571,7 @@ class SideRenderers:
         if side == TARGET:
             target = self._scenes.target_at()
             return None if target is None else target @ SRGB_TO_XYZ.T
-        kept = None if self.kept is None or side == NOW else self.kept.xyz(side, self._scenes.scene_for(side))
+        kept = None if self.kept is None or side == NOW else self.kept.xyz(side, self._scene_of(side))
         if kept is not None:
             return kept
         renderer = self.renderer(side)
@@ -580,6 +581,12 @@ class SideRenderers:
         """Ends all renderers."""
         for renderer in (self.now, *self._others.values()):
             renderer.close()
+
+    def _scene_of(self, side: ComparisonSide) -> Scene | None:
+        """The scene of a side; None too while nothing can be displayed, as without light."""
+        with suppress(UserError):
+            return self._scenes.scene_for(side)
+        return None
 
     def _renderer_for(self, side: ComparisonSide) -> ProgressiveRenderer:
         if side == NOW:

@@ -237,7 +237,7 @@ def _export_pixels(context: AppContext) -> NDArray[np.uint8]:
     xyz, other = context.side_renderers.xyz(displayed_side(view)), None if b is None else context.side_renderers.xyz(b)
     if xyz is None or (b is not None and other is None):
         raise UserError("image", "is still being computed", remedy="try again in a moment")
-    return with_notes(compose_comparison(xyz, other, view), context.session.displayed_document)
+    return with_notes(compose_comparison(xyz, other, view), context.session.previewed_document)
 
 
 def _copy(context: AppContext) -> None:

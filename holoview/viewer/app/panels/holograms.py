@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 
 from imgui_bundle import imgui
 
+from holoview.util.errors import UserError
 from holoview.util.text import printable
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
@@ -73,8 +75,9 @@ class HologramsPanel(Panel):
         """Draws the buttons, and the tiles in a row that scrolls."""
         sides = open_sides(context)
         session = context.session
-        scenes = {side: scene for side in sides[1:] if (scene := session.scene_for(side)) is not None}
-        context.kept_pictures.request(scenes)
+        with suppress(UserError):  # while nothing can be displayed, as without light
+            scenes = {side: scene for side in sides[1:] if (scene := session.scene_for(side)) is not None}
+            context.kept_pictures.request(scenes)
         self._tiles = {side: tile for side, tile in self._tiles.items() if side in sides}
         if not context.is_read_only:
             command_button(context, "Open beside…", name="open beside")

@@ -142,7 +142,7 @@ class ImagePanel(Panel):
         for text, share in side_labels(view, self.shows_b, context.session.target_spec is not None, names):
             draw_label(draw_list, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
         if view.page in ("image", "target"):
-            draw_notes(draw_list, context.session.displayed_document, self.picture)
+            draw_notes(draw_list, context.session.previewed_document, self.picture)
         draw_list.pop_clip_rect()
 
     def _draw_pupil(self, context: AppContext) -> None:
