@@ -80,7 +80,7 @@ def iterate(
     record: repeat iterations that only move patterns as CUDA graphs, on a card that can; False to compare with.
     beside: where kernels have yet to be compiled for this processor, begin by torch meanwhile, for a number of
     iterations that the size of the problem alone decides, and then wait if need be; called with what to tell a user,
-    several times a second while it waits, and may raise.    Compile first when None.
+    several times a second while it waits, and may raise. Compile first when None.
 
     Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
     `best`, the `Hologram` of the smallest loss so far of all planes; the latest one where pupils are drawn, since
