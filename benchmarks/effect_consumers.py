@@ -61,6 +61,7 @@ from tests.chromium import started_browser
 Values = Mapping[str, Any]
 
 VALUES: dict[str, Values] = {
+    "amplitude_gamma": {"gamma": 1.4},
     "aberration1": {"z5": 8e-8, "z7": 5e-8},
     "aberration2": {"z4": 8e-8, "z8": 5e-8},
     "ambient": {"level": 50.0},
@@ -82,8 +83,11 @@ VALUES: dict[str, Values] = {
     "iris1": {"radius_error": 0.2, "decentre_y": 0.1},
     "iris2": {"radius_error": -0.2, "decentre_x": 0.1},
     "laser_power": {"exponent": 0.5},
+    "leakage": {"amplitude": 0.2},
     "lut": {"gamma1": 1.3, "level2_05": 0.1},
     "lut_dispersion": {"slope1": 0.4, "slope2": -0.2},
+    "mask_depth": {"error": 0.1},
+    "misplaced": {"shift_y": 3e-6, "shift_z": 1e-4, "rotation": 0.01},
     "motion_blur": {"length_y": 2.0},
     "plane_errors": {"distances": (5e-3,), "errors": (2e-4,)},
     "polarisation": {"share": 0.2},

@@ -9,6 +9,7 @@ from pathlib import Path
 from holoview.commands.console import EXIT_FAILED, print_json
 from holoview.commands.output_files import add_input, hold_outputs
 from holoview.light.model.effects.registry import (
+    element_effects,
     ids_beside,
     listed_effects,
     load_user_effects,
@@ -46,13 +47,15 @@ def _list(args: argparse.Namespace) -> int:
     """Lists the effects of the library, and those of the files that are given: id, what they act on, what is wrong."""
     for file in args.own:
         load_user_effects(file)
-    effects = listed_effects()
+    on_elements = {name: effect for name, effect in element_effects().items() if not effect.acts_on}
+    effects = {**listed_effects(), **on_elements}
     if args.json:
         print_json(
             {
                 name: {
                     "cause": effect.cause,
                     "acts_on": list(effect.acts_on),
+                    "elements": list(effect.element_kinds),
                     "hooks": list(effect.hooks),
                     "parameters": {p.name: p.unit for p in effect.parameters},
                 }
@@ -61,7 +64,7 @@ def _list(args: argparse.Namespace) -> int:
         )
         return 0
     width = max(map(len, effects))
-    places = {name: ", ".join(effect.acts_on) for name, effect in effects.items()}
+    places = {name: ", ".join(effect.acts_on or effect.element_kinds) for name, effect in effects.items()}
     wide = max(map(len, places.values()))
     for name, effect in effects.items():
         print(f"{name:<{width}}  {places[name]:<{wide}}  {effect.cause}")

@@ -81,7 +81,8 @@ def test_the_list_has_every_effect_with_its_places(template: Path, capsys: pytes
     capsys.readouterr()
     assert main(["effects"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == list(listed_effects())
+    on_elements = ["amplitude_gamma", "leakage", "mask_depth", "misplaced"]
+    assert [line.split()[0] for line in lines] == [*listed_effects(), *on_elements]
     assert main(["effects", "list", str(template), "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)
     assert listed["dusty_lens"]["acts_on"] == ["modulator 1"] and listed["gap"]["parameters"] == {"gap_error": "m"}

@@ -10,7 +10,7 @@ import torch
 
 from holoview.light.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
 from holoview.light.model.effects.hook_contexts import CameraContext
-from holoview.light.model.effects.registry import listed_effects, load_user_effects
+from holoview.light.model.effects.registry import element_effects, listed_effects, load_user_effects
 from holoview.light.model.preset import loads
 from holoview.light.optics.torch_effects import TorchEffects
 
@@ -42,6 +42,6 @@ def test_the_preset_can_be_read() -> None:
 
 
 def test_every_effect_and_hook_is_named() -> None:
-    missing = [name for name in listed_effects() if f"`{name}`" not in TEXT]
+    missing = [name for name in (*listed_effects(), *element_effects()) if f"`{name}`" not in TEXT]
     assert not missing
     assert all(f"`{hook}(" in TEXT for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS, "pupil", *CAMERA_HOOKS))

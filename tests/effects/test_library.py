@@ -11,7 +11,7 @@ import holoview as hv
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
 from holoview.light.model.effects.effect import DataProperties
-from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.effects.registry import element_effects, listed_effects
 from holoview.util.errors import UserError
 
 IDS = [
@@ -60,6 +60,16 @@ IDS = [
     "plane_errors",
     "settling",
 ]
+ELEMENT_IDS = [
+    "leakage",
+    "amplitude_gamma",
+    "misplaced",
+    "mask_depth",
+    "iris",
+    "aberration",
+    "slm_stuck",
+    "slm_fringes",
+]
 PLACES = {"source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera"}
 RICH = DataProperties(wavelengths=4, planes=2, powers=5, modulators=2, irises=(True, True), is_fourier=False)
 
@@ -72,6 +82,7 @@ def _off(name: str) -> dict[str, float]:
 
 def test_the_library_has_every_id_that_files_may_hold() -> None:
     assert set(IDS) <= set(listed_effects())
+    assert set(ELEMENT_IDS) <= set(element_effects())  # their physics: tests/effects/test_on_element
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -20,7 +20,7 @@ from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, blank_captures
 from holoview.light.model.bench_parts import Modulator, Relay
 from holoview.light.model.effects.definition import mistakes_in_definition
-from holoview.light.model.effects.effect import MODULATOR_HOOKS, Effect, ListParameter, Parameter
+from holoview.light.model.effects.effect import ELEMENT_HOOKS, MODULATOR_HOOKS, Effect, ListParameter, Parameter
 from holoview.light.model.effects.hook_contexts import ModulatorContext
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -116,7 +116,7 @@ class _Trial:
 
     def _hooks_are_called(self) -> tuple[bool | None, str]:
         changed = self._pictures(self._tried)
-        silent = [hook for hook in self._effect.hooks if not self._calls[hook]]
+        silent = [hook for hook in self._effect.hooks if not (self._calls[hook] or hook in ELEMENT_HOOKS)]
         if silent:
             return False, f"never called: {', '.join(silent)}"
         if not np.isfinite(changed).all():

@@ -22,6 +22,7 @@ from scipy import ndimage
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.adam import Adam, sqrt_decay
 from holoview.holograms.optimise.checkpoint import IterationState
+from holoview.holograms.optimise.lasers import check_effects
 from holoview.holograms.optimise.objective import AmplitudeLeastSquares, Objective, make_objective
 from holoview.holograms.optimise.settings import Settings, find_loss_space
 from holoview.light.engine.frame import spectrum_behind_modulators
@@ -130,6 +131,7 @@ class ChainProblem:
         double: bool = False,
     ) -> None:
         self.plan, self.settings = check_plan(make_plan(system)), settings
+        check_effects(self.plan, settings)
         samples = math.prod(self.plan.grid.padded) * len(self.plan.beams(range(len(system.wavelengths_m))))
         steps = len(self.plan.planes) + 2 * len(self.plan.way.steps)
         require_memory("optimisation", samples * steps * _BYTES, remedy="lower shape, upsample, frames or wavelengths")

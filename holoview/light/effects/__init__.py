@@ -33,6 +33,10 @@ blur             a blur of the picture (camera_blur), a camera that moves during
 stage            the rail on which the camera moves between planes (stage), planes that it misses (plane_errors)
 vignetting       fall-off towards the edges (vignetting)
 
+amplitude_response
+                 black pixels of an amplitude modulator that leak (leakage), its gamma (amplitude_gamma)
+element_place    an element of a chain out of its place (misplaced), a mask of another depth (mask_depth)
+
 calibrated       the maps that a calibration learned (`holoview.light.model.effects.learned_maps`)
 """
 

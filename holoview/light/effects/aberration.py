@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from holoview.light.model.effects.effect import Effect, Needs, Parameter, Values
 from holoview.light.model.system import System
+from holoview.util.errors import UserError
 from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:
@@ -39,6 +40,16 @@ class Aberration(Effect):
     """
 
     parameters = (*map(_term, _TERMS), *map(_slope, _TERMS))
+    element_kinds = ("space",)
+    element_id = "aberration"
+
+    def actual_element(self, system: System, element: str, v: Values) -> System:
+        way = system.way
+        number = next(i for i, names in enumerate(way.relay_names) if element in names)
+        if not way.relays[number].has_aperture:
+            found = "has neither an iris nor a square stop, over which an aberration is told"
+            raise UserError(element, found, expected="a space with one")
+        return system
 
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
         x = (context.wavelength_m - _REFERENCE_M) / _SLOPE_UNIT_M

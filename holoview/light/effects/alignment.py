@@ -57,6 +57,7 @@ class SlmAlignment(Alignment):
     )
     parameters = alignment_parameters(1e-3, 0.2, (-28e-3, 28e-3, 3.5e-3), (-0.03, 0.03, 0.005))
     acts_on = ("modulator 2",)
+    instead = "`misplaced`, with the element that it moves"
     varies_over_field = True
     needs = Needs(modulators=2, fourier=False)
 

@@ -108,7 +108,7 @@ class Beam(Effect):
         return half_width_m / v["size"] if v["size"] else math.inf
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
-        half_m = max(system.modulators[0].shape) * system.modulators[0].pitch_m / 2
+        half_m = max(system.field_m) / 2
         shape = "even"
         if v["size"]:
             kind = "a disc" if v["edge"] > _DISC_EDGE else "a Gaussian beam"

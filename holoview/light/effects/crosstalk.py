@@ -49,6 +49,7 @@ class Crosstalk(Effect):
         ),
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase",)
     order = 1
     has_rival_parameters = True
 
@@ -110,6 +111,7 @@ class Fringing(Effect):
         ),
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase",)
 
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         smeared = context.sampled(path_m)

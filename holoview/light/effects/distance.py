@@ -35,6 +35,7 @@ class Distance(Effect):
         ),
     )
     acts_on = ("relay 2",)
+    on_chain = ("phase", "amplitude", "complex")
     degenerate_with: ClassVar = ("aberration2",)
 
     def degeneracies(self, properties: DataProperties) -> tuple[str, ...]:
@@ -65,12 +66,21 @@ class Gap(Effect):
         ),
     )
     acts_on = ("relay 1",)
+    element_kinds = ("space",)
     degenerate_with: ClassVar = ("aberration1",)
     needs = Needs(modulators=2, fourier=False)
 
     def actual_system(self, system: System, v: Values) -> System:
         assert system.gap_m is not None
         return system.with_(gap=system.gap_m + v["gap_error"])
+
+    def actual_element(self, system: System, element: str, v: Values) -> System:
+        index = system.part(element)
+        nominal_m: float | None = system.elements[index].distance_m  # type: ignore[attr-defined]  # of a space
+        if nominal_m is None:
+            found = "is the way to the planes, which has no distance of its own"
+            raise UserError(element, found, expected="a space with one", remedy="use the effect distance")
+        return system.edit({f"elements.{index}.distance": nominal_m + v["gap_error"]})
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         assert system.gap_m is not None

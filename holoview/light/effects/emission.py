@@ -150,10 +150,11 @@ class Bandwidth(Effect):
         return dataclasses.replace(system, wavelengths_m=lines, amplitudes=amplitudes, source=source)
 
     def sample_phase(self, system: System, v: Values) -> float:
-        """π·z·u²·δλ, summed over gap and farthest plane: u of the first order's edge, δλ between neighbouring nodes."""
-        shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
-        ways = ((system.gap_m or 0.0, system.relay1), (float(np.abs(system.planes_m).max()), system.relay2))
-        turns = sum(z * (relay.first_order_sine(shortest, pitch_m) / shortest) ** 2 for z, relay in ways)
+        """π·z·u²·δλ, summed over all ways to the farthest plane: u of the first order's edge, δλ between nodes."""
+        shortest, way = float(system.wavelengths_m.min()), system.way
+        ways_m = [*way.distances_m[:-1], float(np.abs(system.planes_m).max())]
+        sines = [r.first_order_sine(shortest, pitch_m) for r, pitch_m in zip(way.relays, way.orders_m, strict=True)]
+        turns = sum(z * (sine / shortest) ** 2 for z, sine in zip(ways_m, sines, strict=True))
         return math.pi * turns * v["sigma"] * _widest_step(_point_count(v["sigma"]), v["top"])
 
 

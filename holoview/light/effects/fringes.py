@@ -111,6 +111,8 @@ class SlmFringes(Effect):
         "550 nm: the cover glass is a wedge."
     )
     parameters = (*_wedge("modulator"), *depth_parameters("the modulator's centre"))
+    element_kinds = ("phase", "amplitude", "complex", "mask")
+    element_id = "slm_fringes"
     start_kinds = (StartKind.MODULATOR_FRINGES,)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:

@@ -48,7 +48,7 @@ class SourceProfile(Effect):
         return transmission * logarithm.exp()
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
-        half = max(system.modulators[0].shape) * system.modulators[0].pitch_m / 2
+        half = max(system.field_m) / 2
         fall, slopes = v["fall"], (v["slope_y"], v["slope_x"])
         if fall <= 0.02:
             return {"shape": "brighter on one side" if any(slopes) else "brighter towards the edge"}
@@ -134,16 +134,16 @@ class SourceExtent(Effect):
         """2π·u·z·δθ over gap and farthest plane: u of the first order's edge, δθ between neighbouring directions."""
         if v["radius"] == 0:
             return 0.0
-        shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
-        far_m = float(np.abs(system.planes_m).max()) + (system.gap_m or 0.0)
+        shortest, way = float(system.wavelengths_m.min()), system.way
+        far_m = float(np.abs(system.planes_m).max()) + sum(way.distances_m)
         step = 2 * v["radius"] / directions_per_side(system, v["radius"])
-        return 2 * math.pi * system.relay2.first_order_sine(shortest, pitch_m) / shortest * far_m * step
+        sine = way.relays[way.last].first_order_sine(shortest, way.orders_m[way.last])
+        return 2 * math.pi * sine / shortest * far_m * step
 
 
 def directions_per_side(system: System, radius_rad: float) -> int:
     """The number of directions along a side of the grid: one for each grain of speckle that passes, and two more."""
-    modulator = system.modulators[0]
-    grains = 2 * radius_rad * max(modulator.shape) * modulator.pitch_m / _FINEST_SPECKLE_M
+    grains = 2 * radius_rad * max(system.field_m) / _FINEST_SPECKLE_M
     return min(max(math.ceil(grains) + 2, _MIN_SIDE), _MAX_SIDE)
 
 

@@ -44,6 +44,7 @@ class Stroke(Effect):
         ),
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase",)
     degenerate_with: ClassVar = ("stroke_map",)
 
     def actual_system(self, system: System, v: Values) -> System:
@@ -52,6 +53,11 @@ class Stroke(Effect):
             for m, sign in zip(system.modulators, (1, -1), strict=False)
         )
         return dataclasses.replace(system, modulators=modulators)
+
+    def actual_element(self, system: System, element: str, v: Values) -> System:
+        index = system.part(element)
+        stroke_m = system.elements[index].stroke_m  # type: ignore[attr-defined]  # of a phase modulator
+        return system.edit({f"elements.{index}.stroke": stroke_m * (1 + v["stroke_error"])})
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         strokes = [format_rounded(m.stroke_m, "nm") for m in self.actual_system(system, v).modulators]
@@ -94,6 +100,7 @@ class StrokeMap(Effect):
     finding = "The stroke varies over the modulators: {rms} r.m.s. of itself."
     parameters = (*_terms(1), *_terms(2))
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase",)
     varies_over_field = True
     degenerate_with: ClassVar = ("stroke",)
 
@@ -151,12 +158,16 @@ class Lut(Effect):
         *_knots(2),
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase",)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """Both modulators with the same gamma, and each alone."""
         alike = [{"gamma1": g, "gamma2": g} for g in _GAMMAS]
         alone = [{name: g} for name in ("gamma1", "gamma2") for g in _GAMMAS]
         return alike + alone if len(system.modulators) == 2 else alone[: len(_GAMMAS)]
+
+    def element_starts(self, parameters: tuple[Parameter, ...]) -> list[dict[str, float]]:
+        return [{"gamma": gamma} for gamma in _GAMMAS]
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         number = context.number + 1
@@ -204,6 +215,7 @@ class Dispersion(Effect):
         Parameter("offset", "Relative error of the path at 550 nm.", low=-0.5, high=0.5, prior=0.05, secondary=True),
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase", "mask")
     needs = Needs(wavelengths=2)
 
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
@@ -258,6 +270,7 @@ class LutDispersion(Effect):
     finding = "Half drive gives {blue} of the stroke at 450 nm and {red} at 650 nm, not 0.5."
     parameters = (*_of_modulator(1), *_of_modulator(2))
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase",)
     needs = Needs(wavelengths=2)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
@@ -265,6 +278,9 @@ class LutDispersion(Effect):
         alone = [{f"slope{n + 1}": slope} for n in range(len(system.modulators)) for slope in _SEARCHED]
         alike = [{"slope1": slope, "slope2": slope} for slope in _SEARCHED]
         return alike + alone if len(system.modulators) == 2 else alone
+
+    def element_starts(self, parameters: tuple[Parameter, ...]) -> list[dict[str, float]]:
+        return [{"slope": slope} for slope in _SEARCHED]
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         return power_law(share, self.exponent(context.number, context.wavelength_m, v))

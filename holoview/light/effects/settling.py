@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from holoview.light.model.effects.effect import Effect, ExposureSample, Parameter, Values
+from holoview.light.model.elements import PhaseModulator
 from holoview.light.model.system import System
 
 if TYPE_CHECKING:
@@ -42,12 +43,16 @@ class Settling(Effect):
         for number in (1, 2)
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase", "amplitude")
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """Both modulators alike, and each alone."""
         alike = [{"share1": share, "share2": share} for share in _SHARES]
         alone = [{name: share} for name in ("share1", "share2") for share in _SHARES]
         return alike + alone if len(system.modulators) == 2 else alone[: len(_SHARES)]
+
+    def element_starts(self, parameters: tuple[Parameter, ...]) -> list[dict[str, float]]:
+        return [{"share": share} for share in _SHARES]
 
     def settled_share(self, share: Tensor, before: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         remaining = v[f"share{context.number + 1}"]
@@ -85,6 +90,7 @@ class Flicker(Effect):
         ),
     )
     acts_on = ("modulator 1", "modulator 2")
+    on_chain = ("phase",)
 
     def exposure_samples(self, v: Values) -> Sequence[ExposureSample]:
         count = _sample_count(v["depth"])
@@ -93,7 +99,9 @@ class Flicker(Effect):
 
     def sample_phase(self, system: System, v: Values) -> float:
         """Of a pixel at either end of the stroke relative to one in its middle, in the fastest part of the cycle."""
-        waves = sum(modulator.stroke_m for modulator in system.modulators) / float(system.wavelengths_m.min())
+        waves = sum(e.stroke_m for e in system.elements if isinstance(e, PhaseModulator)) / float(
+            system.wavelengths_m.min()
+        )
         return math.pi / _sample_count(v["depth"]) * _amplitude(v["depth"], waves) / 2
 
 

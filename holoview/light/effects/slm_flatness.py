@@ -43,6 +43,7 @@ class SlmFlatness(Effect):
     finding = "The modulators aren't flat: {rms} r.m.s. of wavefront."
     parameters = (*_terms(1), *_terms(2))
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase", "amplitude", "complex", "mask")
     varies_over_field = True
     order = 2
 

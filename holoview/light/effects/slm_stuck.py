@@ -52,6 +52,8 @@ class SlmStuck(Effect):
         _places("late_columns", "Columns that show the pattern before."),
         _places("late_rows", "Rows that show the pattern before."),
     )
+    element_kinds = ("phase", "amplitude")
+    element_id = "slm_stuck"
     start_kinds = (StartKind.STUCK_PIXELS,)
     order = 1  # a dead pixel knows no table and doesn't settle, but its field reaches its neighbours
     varies_over_field = True

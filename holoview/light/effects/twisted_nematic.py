@@ -40,6 +40,7 @@ class TwistedNematic(Effect):
         Parameter("bend", "Third order of the amplitude.", low=-1.0, high=1.0, prior=0.1, secondary=True),
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase",)
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         assert context.shown is not None

@@ -38,6 +38,7 @@ class Undiffracted(Effect):
         Parameter("quadrature", "Its part out of phase.", low=-0.9, high=0.9, prior=0.05, secondary=True),
     )
     acts_on = ("modulator 1", "modulator 2")
+    element_kinds = ("phase", "complex")
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         a = self.unmodulated_amplitude(context.number, v)

@@ -31,6 +31,7 @@ from holoview.light.optics.bench import (
     relay_response,
     spectrum_of_pixels,
 )
+from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.light.optics.propagate import support_mask
 from holoview.light.optics.torch_effects import SampledTransmissions
@@ -373,7 +374,7 @@ def _light(executor: TorchExecutor, beam: Beam) -> torch.Tensor:
     """The light before the first modulator, (y, x): a plane wave with the effects on the source."""
     wave = plane_wave(executor.plan, beam.wavelength, beam.source, torch.complex128, torch.device("cpu"))
     transmissions = executor.inputs.sampled_transmissions
-    if isinstance(transmissions, SampledTransmissions):
+    if isinstance(transmissions, SampledTransmissions | ChainTransmissions):
         return transmissions.source_light(wave, beam.wavelength)
     return wave
 

@@ -142,6 +142,7 @@ class Way:
     transmissions: of a chain, what `Modulate` names; empty for the short form, whose modulators it names.
     kernels: Fourier elements by the relays that are their kernels.
     finest_m: the pitch of the finest pixels, whose first order is the eyebox.
+    relay_names: of each relay the names of the spaces or the Fourier element that it is; of a short form its place.
     sample_m, shape: of the field: its pitch, and its samples (y, x). behind_m: from where planes are measured to the
     last element.
     """
@@ -158,6 +159,7 @@ class Way:
     transmissions: tuple[Transmission, ...] = ()
     kernels: tuple[tuple[int, Fourier], ...] = ()
     behind_m: float = 0.0
+    relay_names: tuple[tuple[str, ...], ...] = (("relay 1",), ("relay 2",))
 
     @property
     def is_chain(self) -> bool:
@@ -319,6 +321,24 @@ def _window(
     return widths[0], widths[1]
 
 
+def _relay_names(elements: Sequence[Element], names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """The names of the elements that each relay of a chain is; none of the way to planes behind the last element."""
+    found, before = list[tuple[str, ...]](), None
+    for element, name in zip(elements, names, strict=True):
+        if isinstance(element, Space) and isinstance(before, Space):
+            found[-1] = (*found[-1], name)
+        elif isinstance(element, Space | Fourier):
+            found.append((name,))
+        before = element
+    return tuple(found) if isinstance(before, Space) else (*found, ())
+
+
+def place_of(index: int, count: int) -> str:
+    """The place, "modulator 1" or "relay 2", of an element of a short form of `count` elements."""
+    kind, number = ("relay" if index % 2 else "modulator"), index // 2 + 1
+    return "relay 2" if (index, count) == (1, 2) else f"{kind} {number}"
+
+
 def _extent(element: Pixels, axis: int, sample_m: float) -> tuple[int, float]:
     """Samples of an element along an axis, and how many its centre is off the axis."""
     return pixel_shape(element)[axis] * round(element.pitch_m / sample_m), element.offset_m[axis] / sample_m
@@ -385,6 +405,7 @@ class _Walk:
             transmissions=tuple(transmissions),
             kernels=tuple(kernels),
             behind_m=self._behind(joined, planes_from),
+            relay_names=_relay_names(self.elements, self.names),
         )
 
     def _order(self, space: Space, before: Sequence[Element], pitch_m: float, name: str) -> float:

@@ -111,7 +111,7 @@ class PhaseModulator(Pixels):
 class AmplitudeModulator(Pixels):
     """An amplitude modulator: its drive, 0…1, is the share of the amplitude that passes. levels: of it; 2: binary.
 
-    Leakage and limited contrast aren't modelled: 0 passes nothing.
+    0 passes nothing; limited contrast is the effect `leakage`.
     """
 
     kind: ClassVar[str] = "amplitude"

@@ -14,7 +14,8 @@ from typing import Any
 import tomli_w
 
 from holoview.light.model.effects.effect import FileParameter
-from holoview.light.model.effects.registry import get_effect
+from holoview.light.model.effects.on_element import split_id
+from holoview.light.model.effects.registry import effect_or_twin
 from holoview.light.model.fields import from_mapping, to_mapping
 from holoview.light.model.shorthand import expand_table
 from holoview.light.model.system import System
@@ -158,7 +159,7 @@ def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[Any, 
         return table
     changed: dict[str, Any] = {}
     for name, values in effects.items():
-        files = {p.name for p in get_effect(name).parameters if isinstance(p, FileParameter)}
+        files = {p.name for p in effect_or_twin(split_id(name)[0]).parameters if isinstance(p, FileParameter)}
         has_files = isinstance(values, dict) and files
         changed[name] = {k: change(v, folder) if k in files else v for k, v in values.items()} if has_files else values
     return table | {"effects": changed}

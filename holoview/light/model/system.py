@@ -30,9 +30,11 @@ from holoview.light.model.chain import (
     elements_of,
     needs_short_form,
     pixel_shape,
+    place_of,
     short_form,
     short_way,
 )
+from holoview.light.model.effects.on_element import AT, split_id
 from holoview.light.model.effects.registry import EffectPairs, EffectTable, require_possible_effects
 from holoview.light.model.elements import Element, ElementsField, Pixels, element_names
 from holoview.light.model.eye import Eye
@@ -50,7 +52,7 @@ from holoview.light.model.fields import (
 from holoview.light.model.shorthand import expand_edit
 from holoview.light.observers import parse_observer
 from holoview.util import units
-from holoview.util.errors import UserError
+from holoview.util.errors import UserError, suggest_matches
 
 Floats = NDArray[np.float64]
 
@@ -170,6 +172,7 @@ class System(Description):
             self._check_modulators()
             self._check_field()
         _ = self.way  # which checks the chain
+        self._place_effects()
         self.plane_type.parse(self.planes_m, "planes")
         self._check_source()
         self._check_stops()
@@ -198,8 +201,34 @@ class System(Description):
             names = tuple(e.name for e in self.elements)
             object.__setattr__(self, "elements", elements_of(found, (*names, "")[: 2 * len(found.modulators)]))
             object.__setattr__(self, "planes_from", "")
-        elif self.effects:
-            raise needs_short_form("effects")
+
+    def _place_effects(self) -> None:
+        """Effects on elements of a short form know these by their place, which their names may change around."""
+        if self.is_chain or not any(AT in name for name, _ in self.effects):
+            return
+        count = len(self.elements)
+        places = {name: place_of(index, count) for index, name in enumerate(self.element_names)}
+        pairs = {
+            f"{own}{AT}{places.get(element, element)}" if element else own: values
+            for own, element, values in ((*split_id(name), values) for name, values in self.effects)
+        }
+        object.__setattr__(self, "effects", tuple(sorted(pairs.items())))
+
+    def part(self, name: str) -> int:
+        """The index in `elements` of the one with a name, or at a place of a short form.
+
+        name: such as "mask", or "modulator 2". Raises UserError where there is none.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").part("modulator 2")
+        2
+        """
+        names, count = list(self.element_names), len(self.elements)
+        places = [] if self.is_chain else [place_of(index, count) for index in range(count)]
+        for known in (names, places):
+            if name in known:
+                return known.index(name)
+        raise UserError("element", f'"{name}"', expected=", ".join(names), remedy=suggest_matches(name, names))
 
     def _check_amplitudes(self) -> None:
         count = len(self.wavelengths_m)

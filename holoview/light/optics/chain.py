@@ -10,13 +10,15 @@ By 2jk = j² + k² − (k − j)² it is a chirp, a convolution with one, which 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
 
 from holoview.light.model.chain import pixel_shape
+from holoview.light.model.effects.hook_contexts import ModulatorContext
 from holoview.light.model.elements import (
-    AmplitudeModulator,
     ComplexModulator,
     Element,
     Fourier,
@@ -28,17 +30,23 @@ from holoview.light.model.elements import (
 from holoview.light.model.masks import mask_values
 from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.fourier import phasor_of_turns
-from holoview.light.numerics.resample import centred_indices, upsample_nearest
+from holoview.light.numerics.resample import affine_warp, centred_indices
 from holoview.light.optics.slm import nearest_level, phasor
+from holoview.light.optics.torch_effects import TorchEffects, laser_number
 
 Tensor = torch.Tensor
+_SOURCE = -1  # in place of the number of a step
 
 
 class ChainTransmissions:
-    """What the elements of a chain multiply light by. drives: patterns (frame, y, x) by the names of elements."""
+    """What the elements of a chain multiply light by, with effects on them and on the light before the first.
+
+    drives: patterns (frame, y, x) by the names of elements, for the frames of the nominal system.
+    """
 
     def __init__(self, plan: Plan, drives: dict[str, Any]) -> None:
         self._plan, self._drives = plan, drives
+        self._effects = TorchEffects(plan.nominal.effect_values)
         names = zip(plan.system.elements, plan.system.element_names, strict=True)
         self._names = {id(element): name for element, name in names}
         self._static: dict[tuple[int, int], Tensor] = {}
@@ -52,20 +60,90 @@ class ChainTransmissions:
         return True
 
     def sampled_transmission(self, frame: int, number: int, wavelength: int) -> Tensor:
-        """The transmission (y, x) complex128 of the samples at a step of the way."""
-        of = self._plan.way.transmissions[number]
+        """The transmission (y, x) complex128 of the samples at a step of the way; the first lets in the source."""
+        of, key = self._plan.way.transmissions[number], (number, wavelength)
         if isinstance(of.element, Pixels) and of.element.is_driven:
-            drive = self._drive(of.element)
-            return self.driven(of.element, drive[frame if len(drive) > 1 else 0], wavelength)
-        key = (number, wavelength)
+            samples = self._of_driven(of.element, frame, wavelength)
+        else:
+            if key not in self._static:
+                self._static[key] = self._of_static(of.element, of.place, wavelength)
+            samples = self._static[key]
+        if number or not self._effects.on_parts(("source",), "transmission"):
+            return samples
+        key = (_SOURCE, wavelength)
         if key not in self._static:
-            self._static[key] = self._of_static(of.element, of.place, wavelength)
-        return self._static[key]
+            uniform = torch.ones(self._plan.grid.shape, dtype=torch.complex128)
+            self._static[key] = self.source_light(uniform, wavelength)
+        return samples * self._static[key]
 
-    def driven(self, element: Pixels, drive: Tensor, wavelength: int) -> Tensor:
-        """The transmission (y, x) of the samples of an element that shows a pattern (rows, columns)."""
-        pixels = pixel_transmission(element, drive, float(self._plan.system.wavelengths_m[wavelength]))
-        return placed(self._plan, element, pixels)
+    def source_light(self, wave: Tensor, wavelength: int) -> Tensor:
+        """The light before the first element: a plane wave (y, x) of the source with the effects on the source."""
+        grid = self._plan.grid
+        λ, laser = float(self._plan.system.wavelengths_m[wavelength]), laser_number(self._plan, wavelength)
+        context = ModulatorContext(0, λ, 0.0, grid.pitch_m, grid.shape, 1, laser)
+        return self._effects.on_light("transmission", wave, context, ("source",))
+
+    def _of_driven(self, element: Pixels, frame: int, wavelength: int) -> Tensor:
+        """The transmission (y, x) of the samples of an element that shows patterns, in a frame of `plan.system`."""
+        drive, (shown, moment) = self._drive(element), divmod(frame, len(self._plan.moments))
+        patterns = [drive[f if len(drive) > 1 else 0] for f in (shown, shown - 1, 0)]  # frames repeat
+        return self.driven(element, patterns, wavelength, self._plan.moments[moment])
+
+    def driven(self, element: Pixels, patterns: Sequence[Tensor], wavelength: int, path_factor: float = 1.0) -> Tensor:
+        """The transmission (y, x) of the samples of an element that shows a pattern.
+
+        patterns: (rows, columns), the one that is sent, the one sent before, and the first of all.
+        path_factor: of its optical paths, of one sample of an exposure.
+        """
+        context, part = self._context(element, wavelength), (self._names[id(element)],)
+        effects = self._effects
+        if isinstance(element, ComplexModulator):
+            light = pixel_transmission(element, patterns[0], context.wavelength_m)
+            return self._placed(element, self._with_path(light, None, context, part), context, part)
+        sent = [nearest_level(pattern.double(), element) for pattern in patterns]  # type: ignore[arg-type]
+        shown = effects.shown(sent[0], context, part, sent[1], sent[2])
+        context = replace(context, shown=shown)
+        if isinstance(element, PhaseModulator):
+            light = self._with_path(None, shown * context.stroke_m, context, part, path_factor)
+        else:
+            light = self._with_path(shown.to(torch.complex128), None, context, part)
+        return self._placed(element, light, context, part)
+
+    def _with_path(
+        self,
+        light: Tensor | None,
+        path_m: Tensor | None,
+        context: ModulatorContext,
+        part: tuple[str, ...],
+        path_factor: float = 1.0,
+    ) -> Tensor:
+        """The transmission of pixels or samples by an amplitude or complex one, a path (m), or both, with effects."""
+        if path_m is None and self._effects.on_parts(part, "optical_path"):
+            path_m = torch.zeros(context.shape, dtype=torch.float64)
+        if path_m is not None:
+            path_m = self._effects.on_light("optical_path", path_m, context, part) * path_factor
+            delay = phasor(path_m, context.wavelength_m, torch.complex128)
+            light = (
+                delay if light is None else delay * (light if light.shape == delay.shape else context.sampled(light))
+            )
+        assert light is not None
+        return self._effects.on_light("transmission", light, context, part)
+
+    def _placed(self, element: Pixels, light: Tensor, context: ModulatorContext, part: tuple[str, ...]) -> Tensor:
+        """The transmission of an element's pixels or samples at the samples of the field, where it is really."""
+        samples = placed(self._plan, element, context.sampled(light))
+        pose = self._effects.element_pose(part)
+        if pose.is_identity:
+            return samples
+        (oy, ox), edge = element.offset_m, (1, 1, 1, 1)  # a dark edge, since nothing passes beside the element
+        rows = pose.about((-oy, -ox)).inverse_affine(self._plan.grid.pitch_m)
+        return affine_warp(torch.nn.functional.pad(samples, edge), rows)[1:-1, 1:-1]
+
+    def _context(self, element: Pixels, wavelength: int) -> ModulatorContext:
+        """The context of the hooks on an element."""
+        λ, laser = float(self._plan.system.wavelengths_m[wavelength]), laser_number(self._plan, wavelength)
+        size, stroke_m = round(element.pitch_m / self._plan.grid.pitch_m), getattr(element, "stroke_m", None) or 0.0
+        return ModulatorContext(0, λ, stroke_m, element.pitch_m, pixel_shape(element), size, laser)
 
     def _drive(self, element: Element) -> Tensor:
         drive = self._drives[self._names[id(element)]]
@@ -74,7 +152,18 @@ class ChainTransmissions:
     def _of_static(self, element: Element, place: str, wavelength: int) -> Tensor:
         λ, grid = float(self._plan.system.wavelengths_m[wavelength]), self._plan.grid
         if isinstance(element, Mask):
-            return placed(self._plan, element, mask_transmission(element, λ))
+            context, part, values = (
+                self._context(element, wavelength),
+                (self._names[id(element)],),
+                mask_values(element),
+            )
+            path_m, light = (
+                None if a is None else torch.from_numpy(a.copy()) for a in (values.path_m, values.amplitude)
+            )
+            light = None if light is None else light.to(torch.complex128)
+            if path_m is None and light is None:
+                light = torch.ones(values.shape, dtype=torch.complex128)
+            return self._placed(element, self._with_path(light, path_m, context, part), context, part)
         if isinstance(element, Lens):
             return _quadratic(grid, grid.pitch_m**2 / (λ * element.focal_length_m))
         assert isinstance(element, Fourier)
@@ -83,14 +172,8 @@ class ChainTransmissions:
         return chirp if place == "before" else -1j * rate * chirp
 
 
-def pixel_transmission(element: Pixels, drive: Tensor, wavelength_m: float) -> Tensor:
-    """The transmission (rows, columns) complex128 of a modulator's pixels for its drive."""
-    if isinstance(element, PhaseModulator):
-        path_m = nearest_level(drive.double(), element) * element.stroke_m
-        return phasor(path_m, wavelength_m, torch.complex128)
-    if isinstance(element, AmplitudeModulator):
-        return nearest_level(drive.double(), element).to(torch.complex128)
-    assert isinstance(element, ComplexModulator)
+def pixel_transmission(element: ComplexModulator, drive: Tensor, wavelength_m: float) -> Tensor:
+    """The transmission (rows, columns) complex128 of a complex modulator's pixels for its drive."""
     values = drive.to(torch.complex128)
     if element.stroke_m is None:
         return values
@@ -98,25 +181,12 @@ def pixel_transmission(element: Pixels, drive: Tensor, wavelength_m: float) -> T
     return values.abs() * phasor_of_turns(turns * (element.stroke_m / wavelength_m))
 
 
-def mask_transmission(mask: Mask, wavelength_m: float) -> Tensor:
-    """The transmission (rows, columns) complex128 of a mask."""
-    values = mask_values(mask)
-    transmission = torch.ones(values.shape, dtype=torch.complex128)
-    if values.amplitude is not None:
-        transmission = transmission * torch.from_numpy(values.amplitude)
-    if values.path_m is not None:
-        transmission = transmission * phasor(torch.from_numpy(values.path_m), wavelength_m, torch.complex128)
-    return transmission
-
-
-def placed(plan: Plan, element: Pixels, pixels: Tensor) -> Tensor:
-    """The pixels (rows, columns) of an element at the samples (y, x) of the field, which are 0 beside it."""
-    grid, size = plan.grid, round(element.pitch_m / plan.grid.pitch_m)
-    samples = pixels if size == 1 else upsample_nearest(pixels, size)
-    shape = pixel_shape(element)
+def placed(plan: Plan, element: Pixels, samples: Tensor) -> Tensor:
+    """The samples of an element at those (y, x) of the field, which are 0 beside it."""
+    grid = plan.grid
     starts = [
-        round((n - m * size) / 2 + off / grid.pitch_m)
-        for n, m, off in zip(grid.shape, shape, element.offset_m, strict=True)
+        round((n - m) / 2 + off / grid.pitch_m)
+        for n, m, off in zip(grid.shape, samples.shape, element.offset_m, strict=True)
     ]
     if samples.shape == grid.shape:
         return samples

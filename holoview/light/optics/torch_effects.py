@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from holoview.light.optics.propagate import direction_sines
 from holoview.light.optics.slm import nearest_level, phasor
 
 Tensor = torch.Tensor
+_NOMINAL = Pose()
 
 
 class TorchEffects(ActiveEffects):
@@ -38,22 +40,43 @@ class TorchEffects(ActiveEffects):
         before, first: as `share`, of the pattern sent before and of the first of all; None where they aren't known.
         """
 
-        def applied(hook: str, values: Tensor, shown: Tensor | None = None) -> Tensor:
-            told = context if shown is None else replace(context, shown=shown)
-            changed: Tensor = self.applied(hook, values, told, pairs=self.on_modulator(context.number, hook))
-            return changed
-
-        shown = applied("stroke_response", share)
-        if before is not None and (settling := self.on_modulator(context.number, "settled_share")):
-            shown_before = applied("stroke_response", before)
-            told = context if first is None else replace(context, first_shown=applied("stroke_response", first))
-            shown = self.applied("settled_share", shown, shown_before, told, pairs=settling)
-        path_m = applied("optical_path", shown * context.stroke_m)
+        parts = {f"modulator {context.number + 1}", "source" if context.number == 0 else ""}
+        shown = self.shown(share, context, parts, before, first)
+        path_m = self.on_light("optical_path", shown * context.stroke_m, context, parts)
         if path_factor != 1.0:
             path_m = path_m * path_factor
-        transmission = applied("transmission", phasor(path_m, context.wavelength_m, dtype), shown)
-        pose = self.slm2_pose() if context.number == 1 else Pose()
+        pixels = phasor(path_m, context.wavelength_m, dtype)
+        transmission = self.on_light("transmission", pixels, replace(context, shown=shown), parts)
+        pose = self.element_pose(parts, self.slm2_pose() if context.number == 1 else Pose())
         return transmission if pose.is_identity else context.warped(transmission, pose)
+
+    def on_light(self, hook: str, values: Tensor, context: ModulatorContext, parts: Iterable[str]) -> Tensor:
+        """A map (rows, columns) of pixels or samples passed through the hooks of the effects on some parts."""
+        changed: Tensor = self.applied(hook, values, context, pairs=self.on_parts(parts, hook))
+        return changed
+
+    def shown(
+        self,
+        share: Tensor,
+        context: ModulatorContext,
+        parts: Iterable[str],
+        before: Tensor | None,
+        first: Tensor | None,
+    ) -> Tensor:
+        """What pixels (rows, columns) show of what was sent to them; before, first: as `modulator_transmission`."""
+        shown = self.on_light("stroke_response", share, context, parts)
+        if before is None or not (settling := self.on_parts(parts, "settled_share")):
+            return shown
+        shown_before, told = self.on_light("stroke_response", before, context, parts), context
+        if first is not None:
+            told = replace(context, first_shown=self.on_light("stroke_response", first, context, parts))
+        settled: Tensor = self.applied("settled_share", shown, shown_before, told, pairs=settling)
+        return settled
+
+    def element_pose(self, parts: Iterable[str], pose: Pose = _NOMINAL) -> Pose:
+        """The position of an element, by its name or place, after the effects on it."""
+        moved: Pose = self.applied("element_pose", pose, pairs=self.on_parts(parts, "element_pose"))
+        return moved
 
     def slm2_pose(self) -> Pose:
         """The position of the second modulator relative to its nominal one."""
@@ -62,7 +85,7 @@ class TorchEffects(ActiveEffects):
 
     def pupil(self, context: RelayContext, dtype: torch.dtype) -> Tensor | None:
         """The complex pupil (rows, columns) that effects add to a relay; None if there is none."""
-        pairs = [pair for pair in self.with_hooks("pupil") if f"relay {context.relay + 1}" in pair[0].acts_on]
+        pairs = self.on_parts(context.names or (f"relay {context.relay + 1}",), "pupil")
         if not pairs:
             return None
         shape = (len(context.sine_y), context.sine_x.shape[1])
@@ -156,12 +179,13 @@ class SampledTransmissions:
 
     def context(self, modulator: int, wavelength: int) -> ModulatorContext:
         """The context of the hooks on a modulator at the wavelength of an index."""
-        return modulator_context(self.plan, modulator, wavelength, self._laser_number(wavelength))
+        return modulator_context(self.plan, modulator, wavelength, laser_number(self.plan, wavelength))
 
-    def _laser_number(self, wavelength: int) -> int:
-        """The number, from the shortest wavelength, of the nominal laser that emits a wavelength of the plan."""
-        nominal_m = self.plan.nominal.wavelengths_m
-        return int(np.count_nonzero(nominal_m < nominal_m[self.plan.laser_of(wavelength)]))
+
+def laser_number(plan: Plan, wavelength: int) -> int:
+    """The number, from the shortest wavelength, of the nominal laser that emits a wavelength of the plan."""
+    nominal_m = plan.nominal.wavelengths_m
+    return int(np.count_nonzero(nominal_m < nominal_m[plan.laser_of(wavelength)]))
 
 
 class FieldTransmissions:
@@ -205,7 +229,10 @@ def modulator_context(
 def effects_pupil(plan: Plan, relay: int, wavelength: int) -> Tensor | None:
     """The pupil (P_y, P_x) complex128 that effects add to a relay, in `fftfreq` order; None if there is none."""
     λ = float(plan.system.wavelengths_m[wavelength])
-    nominal = plan.nominal.way.relays[relay]
-    radius = nominal.pupil_radius_sine(λ, plan.nominal.way.orders_m[relay])
-    context = RelayContext(relay, λ, *direction_sines(plan.grid, λ), radius, nominal.centre_na)
+    way, names = plan.nominal.way, plan.way.relay_names[relay]
+    if names not in way.relay_names or way.kernel(way.relay_names.index(names)) is not None:
+        return None  # what a moved element leaves, and a Fourier element, have no pupil
+    own = way.relay_names.index(names)
+    radius = way.relays[own].pupil_radius_sine(λ, way.orders_m[own])
+    context = RelayContext(relay, λ, *direction_sines(plan.grid, λ), radius, way.relays[own].centre_na, names)
     return TorchEffects(plan.nominal.effect_values).pupil(context, torch.complex128)

@@ -127,6 +127,8 @@ def _wrong_hooks(effect: Effect, where: str) -> Iterator[UserError]:
         yield UserError(where, "overrides no hook, so that it changes nothing", expected=f"one of {', '.join(HOOKS)}")
     for hook in effect.hooks:
         places = CALLED_FOR.get(hook, PLACES)
+        if effect.element_kinds and not effect.acts_on:  # it acts on an element that its table states
+            continue
         if not set(places) & set(effect.acts_on) and set(effect.acts_on) <= set(PLACES):
             found = f"names {', '.join(effect.acts_on)}, so that its {hook} is never called"
             yield UserError(f"{where}.acts_on", found, expected=" or ".join(places))

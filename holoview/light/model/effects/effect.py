@@ -5,6 +5,7 @@ called only when a parameter differs from its identity, so that an effect that i
 order in which light meets them:
 
     actual_system       System → System: distances, angles, wavelengths, irises, laser powers
+    actual_element      System → System, where the effect acts on one element that is stated
     laser_power         relative laser power that was set → that is emitted
     exposure_samples    what an exposure averages over: (weight, factor of the optical paths)
     stroke_response     fraction of the stroke (0…1) that was sent → that a modulator shows
@@ -12,6 +13,7 @@ order in which light meets them:
     optical_path        optical path (m) of a modulator at a wavelength
     transmission        complex transmission of a modulator at a wavelength; also the light onto the first one
     slm2_pose           position of the second modulator: shift, rotation, magnification
+    element_pose        position of the element that is stated
     pupil               complex pupil of a relay at a wavelength
     camera_distance     distance of the camera from the last modulator
     camera_pose         position of the camera
@@ -351,8 +353,8 @@ ExposureSample = tuple[float, float]
 PLACES = ("source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera")
 """The parts of a bench that an effect may act on, in the order in which light meets them."""
 
-BENCH_HOOKS = ("actual_system", "laser_power", "exposure_samples")
-MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose")
+BENCH_HOOKS = ("actual_system", "actual_element", "laser_power", "exposure_samples")
+MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose", "element_pose")
 CAMERA_HOOKS = (
     "camera_distance",
     "camera_pose",
@@ -362,6 +364,8 @@ CAMERA_HOOKS = (
     "ambient_light",
     "black_level_offset",
 )
+ELEMENT_HOOKS = ("actual_element", "element_pose")
+"""The hooks that are called only where an element is stated."""
 HOOKS = (*BENCH_HOOKS, *MODULATOR_HOOKS, "pupil", *CAMERA_HOOKS)
 """All hooks, in the order in which light meets them."""
 
@@ -395,6 +399,7 @@ class DataProperties:
     is_fourier: whether the camera is in the far field of the modulator, on a Fourier bench.
     is_field: whether the bench has the plane of a complex field in place of modulators.
     lasers: how many the bench has; None where it doesn't matter.
+    elements: of a chain, the name and kind of each.
     """
 
     wavelengths: int
@@ -405,10 +410,13 @@ class DataProperties:
     is_fourier: bool
     is_field: bool = False
     lasers: int | None = None
+    elements: tuple[tuple[str, str], ...] = ()
 
     @property
     def parts(self) -> frozenset[str]:
-        """The parts of the bench, of `PLACES`."""
+        """The parts of the bench, of `PLACES`; of a chain the source, its elements and the camera."""
+        if self.elements:
+            return frozenset(("source", *(name for name, _ in self.elements), "camera"))
         modulators = () if self.is_field else PLACES[1 : 2 * self.modulators : 2]
         return frozenset(("source", *modulators, *(("relay 1",) if self.modulators > 1 else ()), "relay 2", "camera"))
 
@@ -460,6 +468,11 @@ class Effect:
     has_rival_parameters: whether two parameters change images nearly alike. A fit that starts from the identity may
     then give each of the two a part of a value that belongs to one of them; a diagnosis searches the range of each.
     listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
+    element_kinds: kinds of elements on one of which it acts where `element` is stated (`OnElement`).
+    element_id: its id there, where each place of a short form has its own effect.
+    on_chain: kinds of elements of which a chain needs one so that the effect acts on it as a whole, without `element`.
+    instead: what describes its cause on a chain, where it doesn't itself; in words.
+    element_finding: as `finding`, where it acts on one element, whose name is {element}; made of the cause if empty.
 
     Hooks get the values of the parameters, in SI units, as `v`.
     """
@@ -477,11 +490,20 @@ class Effect:
     start_kinds: ClassVar[tuple[StartKind, ...]] = (StartKind.DISPLACEMENT,)
     has_rival_parameters: ClassVar[bool] = False
     listed: ClassVar[bool] = True
+    element_kinds: ClassVar[tuple[str, ...]] = ()
+    element_id: ClassVar[str] = ""
+    on_chain: ClassVar[tuple[str, ...]] = ()
+    instead: ClassVar[str] = ""
+    element_finding: ClassVar[str] = ""
 
     # --- hooks ------------------------------------------------------------------------------------------------------
 
     def actual_system(self, system: System, v: Values) -> System:
         """The system as it really is. May raise UserError when such a system can't be."""
+        return system
+
+    def actual_element(self, system: System, element: str, v: Values) -> System:
+        """As `actual_system`, of an effect on the element of this name."""
         return system
 
     def laser_power(self, power: Any, v: Values) -> Any:
@@ -514,6 +536,10 @@ class Effect:
 
     def slm2_pose(self, pose: Pose, v: Values) -> Pose:
         """The position of the second modulator relative to its nominal one."""
+        return pose
+
+    def element_pose(self, pose: Pose, v: Values) -> Pose:
+        """The position of the element that the effect acts on, relative to its nominal one."""
         return pose
 
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
@@ -567,6 +593,10 @@ class Effect:
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """Points {parameter: value} at which a search starts: by default each parameter's scan, others at identity."""
         return [{p.name: value} for p in self.parameters for value in p.scan_values()]
+
+    def element_starts(self, parameters: tuple[Parameter, ...]) -> list[dict[str, float]]:
+        """`starting_points` where it acts on one element, with its parameters there."""
+        return [{p.name: value} for p in parameters for value in p.scan_values()]
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         """Further fields of `finding`, such as the nominal value."""

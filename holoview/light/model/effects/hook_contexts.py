@@ -161,6 +161,7 @@ class RelayContext:
     pupil_radius: of the nominal pupil, a direction sine: of the iris, or of the circle through the corners of a
     square stop; 1 without a stop.
     centre: direction sine (y, x) of the nominal pupil's centre.
+    names: of the elements of a chain that the relay is; empty of a short form.
     """
 
     relay: int
@@ -169,6 +170,7 @@ class RelayContext:
     sine_x: Tensor
     pupil_radius: float
     centre: tuple[float, float] = (0.0, 0.0)
+    names: tuple[str, ...] = ()
 
     @property
     def sines_from_centre(self) -> tuple[Tensor, Tensor]:

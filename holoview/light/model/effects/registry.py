@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -32,6 +32,7 @@ from holoview.light.model.effects.effect import (
     Parameter,
     Values,
 )
+from holoview.light.model.effects.on_element import AT, OnElement, split_id
 from holoview.util.errors import UserError
 from holoview.util.packages import run_python_file
 from holoview.util.tables import check_keys, read_table
@@ -48,15 +49,50 @@ _user_effects: dict[str, Effect] = {}
 
 
 def listed_effects() -> Mapping[str, Effect]:
-    """The effects that are offered as causes and in the viewer, by id, sorted, with the effects of users' files."""
-    return MappingProxyType({name: effect for name, effect in _all_effects().items() if effect.listed})
+    """The effects that are offered as causes and in the viewer, by id, sorted, with the effects of users' files.
+
+    Those that act on an element alone are among `element_effects`.
+    """
+    return MappingProxyType({name: e for name, e in _all_effects().items() if e.listed and e.acts_on})
+
+
+def element_effects() -> Mapping[str, Effect]:
+    """The effects that may act on an element that is stated, by the id that they have there, sorted."""
+    found = {effect.element_id or name: effect for name, effect in _all_effects().items() if effect.element_kinds}
+    return MappingProxyType(dict(sorted(found.items())))
 
 
 def get_effect(name: str) -> Effect:
-    """The effect of an id, listed or not. Raises UserError, which suggests similar ids, when there is none."""
+    """The effect of an id, listed or not; "ID@ELEMENT" is one on an element (`OnElement`).
+
+    Raises UserError, which suggests similar ids, when there is none, and for an element that it doesn't act on.
+    """
+    plain, element = split_id(name)
+    effect = effect_or_twin(plain)
+    if not element:
+        if plain == effect.element_id:
+            raise UserError(f"effects.{plain}", "no element", expected='the element that it acts on, element = "…"')
+        return effect
+    if not effect.element_kinds:
+        acts_on = effect.instead or f"no element: it acts on the {' and '.join(effect.acts_on)}"
+        raise UserError(f"effects.{plain}.element", f'"{element}"', expected=acts_on)
+    return _on_element(effect, element)
+
+
+def effect_or_twin(name: str) -> Effect:
+    """The effect of an id, or of the id that several have where they act on an element: the first of these.
+
+    Raises UserError as `get_effect` does.
+    """
     known = _all_effects()
-    check_keys([name], known, "effects.", noun="effect")
-    return known[name]
+    twins = {effect.element_id: effect for effect in reversed(list(known.values())) if effect.element_id}
+    check_keys([name], {**known, **twins}, "effects.", noun="effect")
+    return twins.get(name) or known[name]
+
+
+@lru_cache(maxsize=512)
+def _on_element(effect: Effect, element: str) -> OnElement:
+    return OnElement(effect, element)
 
 
 def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
@@ -119,7 +155,8 @@ def without_user_effects() -> Iterator[None]:
 
 def is_user_effect(effect: Effect) -> bool:
     """Whether an effect comes from a user's file."""
-    return type(effect).__module__.startswith(_USER_MODULES)
+    own = effect.effect if isinstance(effect, OnElement) else effect
+    return type(own).__module__.startswith(_USER_MODULES)
 
 
 def _all_effects() -> Mapping[str, Effect]:
@@ -162,16 +199,37 @@ class EffectTable:
         table = dict(value) if isinstance(value, tuple) else value
         if not isinstance(table, Mapping):
             raise UserError(where, f"{value!r}", expected='tables such as [effects.gap] gap_error = "0.1 mm"')
-        return tuple((name, self._parse_values(name, table[name], f"{where}.{name}")) for name in sorted(table))
+        found: dict[str, tuple[tuple[str, Any], ...]] = {}
+        for name, given in table.items():
+            for own in given if isinstance(given, list) else [given]:
+                key, values = _of_element(name, own, f"{where}.{name}")
+                if key in found:
+                    raise UserError(f"{where}.{name}", f"twice for {split_id(key)[1]}", expected="each element once")
+                found[key] = self._parse_values(key, values, f"{where}.{name}")
+        return tuple(sorted(found.items()))
 
     def to_toml(self, value: EffectPairs) -> dict[str, Any]:
-        return {name: {key: self._parameters(name)[key].to_toml(x) for key, x in pairs} for name, pairs in value}
+        tables = {name: {key: self._parameters(name)[key].to_toml(x) for key, x in pairs} for name, pairs in value}
+        ids = [split_id(name)[0] for name in tables]
+        alone = {name: split_id(name) for name in tables if AT in name and ids.count(split_id(name)[0]) == 1}
+        return {
+            (alone[name][0] if name in alone else name): {"element": alone[name][1], **own} if name in alone else own
+            for name, own in tables.items()
+        }
 
     def with_changes(self, value: EffectPairs, changes: Mapping[str, Any], where: str) -> EffectPairs:
-        """With some values changed: {"gap.gap_error": "0.1 mm"} or {"gap": {…}}."""
+        """With some values changed: {"gap.gap_error": "0.1 mm"} or {"gap": {…}}.
+
+        A parameter of an effect that acts on one element alone needs no element beside it.
+        """
         table: dict[str, Any] = {name: dict(pairs) for name, pairs in value}
         for key, change in changes.items():
             name, _, parameter = key.partition(".")
+            if not parameter:
+                name, change = _of_element(name, change, f"{where}.{name}")
+            elif name not in table and parameter != "element":
+                on_elements = [other for other in table if split_id(other)[0] == name]
+                name = on_elements[0] if len(on_elements) == 1 else name
             table[name] = {**table.get(name, {}), parameter: change} if parameter else change
         return self.parse(table, where)
 
@@ -189,6 +247,17 @@ class EffectTable:
 
 
 # --- the active effects of a table ------------------------------------------------------------------------------------
+
+
+def _of_element(name: str, given: Any, where: str) -> tuple[str, Any]:
+    """The id of an effect and its values, of a table that may state its `element`."""
+    if AT in name or not isinstance(given, Mapping) or "element" not in given:
+        return name, given
+    element, effect = given["element"], effect_or_twin(name)
+    if not isinstance(element, str) or not element or AT in element:
+        raise UserError(f"{where}.element", f"{element!r}"[:60], expected="the name of an element")
+    values = {key: value for key, value in given.items() if key != "element"}
+    return f"{effect.element_id or name}{AT}{element}", values
 
 
 EffectValues = Mapping[str, Mapping[str, Any]]
@@ -242,8 +311,12 @@ class ActiveEffects:
 
     def on_modulator(self, number: int, *hooks: str) -> list[ActivePair]:
         """The pairs with one of the hooks that act on modulator 0 or 1; the source acts on modulator 0."""
-        parts = {f"modulator {number + 1}", "source" if number == 0 else ""}
-        return [pair for pair in self.with_hooks(*hooks) if parts & set(pair[0].acts_on)]
+        return self.on_parts({f"modulator {number + 1}", "source" if number == 0 else ""}, *hooks)
+
+    def on_parts(self, parts: Iterable[str], *hooks: str) -> list[ActivePair]:
+        """The pairs with one of the hooks that act on one of some parts: places, or elements of a chain."""
+        wanted = set(parts)
+        return [pair for pair in self.with_hooks(*hooks) if wanted & set(pair[0].acts_on)]
 
     def cache_key(self, *hooks: str, acts_on: str = "", laser: int | None = None) -> tuple[Any, ...]:
         """A hashable key of all that the hooks' results depend on: equal for equal effects and values.
@@ -337,12 +410,20 @@ def bench_properties(system: System) -> DataProperties:
         wavelengths=len(system.wavelengths_m),
         planes=len(system.planes_m),
         powers=1,
-        modulators=len(system.modulators),
+        modulators=len(system.drive_shapes) if system.is_chain else len(system.modulators),
         irises=(system.relay1.has_aperture, system.relay2.has_aperture),
         is_fourier=False,
         is_field=system.is_field,
         lasers=len(system.wavelengths_m),
+        elements=chain_parts(system),
     )
+
+
+def chain_parts(system: System) -> tuple[tuple[str, str], ...]:
+    """The name and kind of each element of a chain; nothing of a short form."""
+    if not system.is_chain:
+        return ()
+    return tuple((name, e.kind) for name, e in zip(system.element_names, system.elements, strict=True))
 
 
 def unmet_requirement(effect: Effect, system: System) -> str:
@@ -352,7 +433,15 @@ def unmet_requirement(effect: Effect, system: System) -> str:
 
 def unmet_by_bench(effect: Effect, bench: DataProperties) -> str:
     """Why an effect can't be active on a bench, in words; how many captures of what were taken there doesn't matter."""
+    if bench.elements:
+        return _unmet_by_chain(effect, bench)
     parts = bench.parts
+    if not effect.acts_on and effect.element_kinds:
+        return "acts on one element, and none is stated"
+    if isinstance(effect, OnElement) and parts & set(effect.acts_on):
+        kind = "space" if effect.element.startswith("relay") else "phase"
+        if kind not in effect.element_kinds:
+            return f"acts on {effect.kinds_in_words}, and the {effect.element} is none"
     acts_on_modulator = any(effect.overrides(hook) for hook in (*MODULATOR_HOOKS, "exposure_samples"))
     if bench.is_field and (acts_on_modulator or any(part.startswith("modulator") for part in effect.acts_on)):
         return "acts on a modulator, and a field has none"
@@ -366,9 +455,35 @@ def unmet_by_bench(effect: Effect, bench: DataProperties) -> str:
     return ""
 
 
+def _unmet_by_chain(effect: Effect, bench: DataProperties) -> str:
+    """`unmet_by_bench` of a chain."""
+    kinds = dict(bench.elements)
+    if unmet := dataclasses.replace(effect.needs, wavelengths=1, planes=1, modulators=1, irises=()).unmet_by(
+        dataclasses.replace(bench, powers=2)
+    ):
+        return unmet
+    if isinstance(effect, OnElement):
+        if effect.element not in kinds:
+            return f'acts on "{effect.element}", and this chain has {", ".join(kinds)}'
+        if kinds[effect.element] not in effect.element_kinds:
+            return f'acts on {effect.kinds_in_words}, and "{effect.element}" is one of kind {kinds[effect.element]}'
+        return ""
+    if effect.element_kinds:
+        fitting = [name for name, kind in kinds.items() if kind in effect.element_kinds]
+        if not fitting:
+            return f"acts on {' or '.join(effect.element_kinds)} elements, and this chain has none"
+        return f'acts on one element of a chain, which it has to state, e.g. element = "{fitting[0]}"'
+    if effect.on_chain:
+        found = set(effect.on_chain) & set(kinds.values())
+        return "" if found else f"acts on {' or '.join(effect.on_chain)} elements, and this chain has none"
+    if not set(effect.acts_on) <= {"source", "camera"}:
+        return f"isn't known of chains of elements{f': there is {effect.instead}' if effect.instead else ''}"
+    return ""
+
+
 def parameter_unmet_by_bench(parameter: Parameter, bench: DataProperties) -> str:
     """Why a parameter would change nothing on a bench that can have its effect, in words; empty when it can."""
-    if parameter.acts_on and parameter.acts_on not in bench.parts:
+    if parameter.acts_on and not bench.elements and parameter.acts_on not in bench.parts:
         return f"acts on {parameter.acts_on}, which this bench doesn't have"
     return ""
 
