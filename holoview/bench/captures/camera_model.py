@@ -61,7 +61,8 @@ from holoview.light.optics.torch_effects import TorchEffects, modulator_context
 Tensor = torch.Tensor
 _PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be equal
 _FOURIER_SUMS = 16  # matrices kept: both axes at some wavelengths, 20 MB each for pictures of 1600 × 1200 pixels
-_POSE_HOOKS = ("camera_pose", "camera_pose_at", "camera_motion")
+POSE_HOOKS = ("camera_pose", "camera_pose_at", "camera_motion")
+"""The hooks on which a picture of the same light depends."""
 _INTERPOLATION_MARGIN = 5  # samples, of which interpolation needs 3.5 beyond the outermost pixel, with some to spare
 
 
@@ -395,23 +396,58 @@ class CameraModel:
     def mean_over_motion(
         self, pose: Pose, cycles_per_m: float, intensity: Callable[[tuple[float, float]], Tensor]
     ) -> Tensor:
-        """The mean intensity (y, x) over the positions of the camera in an exposure.
+        """`mean_over_motion` of the camera's own motion."""
+        return mean_over_motion(self.pixel_grid, self.effects.camera_motion(), pose, cycles_per_m, intensity)
 
-        pose: in the middle of the exposure. cycles_per_m: highest spatial frequency of the intensity along y and x.
-        intensity: of the picture displaced by (y, x) m from that pose.
 
-        A Gauss–Legendre sum of N positions along the line. Of a wave whose phase turns by ±κ from its middle to its
-        ends the mean is sin κ/κ, to 1e-6 where N ≥ κ/2 + 2·κ^(1/3) + 2.
-        """
-        length_m = [px * self.pixel_grid.pitch_m for px in self.effects.camera_motion()]
-        if not any(length_m):
-            return intensity((0.0, 0.0))
-        kappa = math.pi * cycles_per_m / pose.magnification * sum(map(abs, length_m))
-        nodes, weights = np.polynomial.legendre.leggauss(math.ceil(kappa / 2 + 2 * kappa ** (1 / 3) + 2))
-        total = torch.zeros(self.pixel_grid.shape, dtype=self.real_dtype)
-        for node, weight in zip(nodes.tolist(), (weights / 2).tolist(), strict=True):
-            total.add_(intensity((node / 2 * length_m[0], node / 2 * length_m[1])), alpha=weight)
-        return total
+def mean_over_motion(
+    pixel_grid: PixelGrid,
+    motion_px: tuple[float, float],
+    pose: Pose,
+    cycles_per_m: float,
+    intensity: Callable[[tuple[float, float]], Tensor],
+) -> Tensor:
+    """The mean intensity (y, x) over the positions of the camera in an exposure.
+
+    pose: in the middle of the exposure. cycles_per_m: highest spatial frequency of the intensity along y and x.
+    intensity: of the picture displaced by (y, x) m from that pose.
+
+    A Gauss–Legendre sum of N positions along the line. Of a wave whose phase turns by ±κ from its middle to its
+    ends the mean is sin κ/κ, to 1e-6 where N ≥ κ/2 + 2·κ^(1/3) + 2.
+    """
+    length_m = [px * pixel_grid.pitch_m for px in motion_px]
+    if not any(length_m):
+        return intensity((0.0, 0.0))
+    kappa = math.pi * cycles_per_m / pose.magnification * sum(map(abs, length_m))
+    nodes, weights = np.polynomial.legendre.leggauss(math.ceil(kappa / 2 + 2 * kappa ** (1 / 3) + 2))
+    total: Tensor | float = 0.0
+    for node, weight in zip(nodes.tolist(), (weights / 2).tolist(), strict=True):
+        total = total + weight * intensity((node / 2 * length_m[0], node / 2 * length_m[1]))
+    assert isinstance(total, Tensor)
+    return total
+
+
+def camera_picture(
+    spectrum: Tensor,
+    band: FrequencyBand,
+    grid: Grid,
+    pixel_grid: PixelGrid,
+    pose: Pose,
+    motion_px: tuple[float, float],
+) -> Tensor:
+    """|field|² (y, x) on a camera of some pose that moves by `motion_px` during the exposure.
+
+    spectrum: of the field on the padded `grid`, in a band.
+    """
+    highest = max(min(k / n, 0.5) for k, n in zip(band.max_indices, band.padded, strict=True))
+    (a, b, _), (c, d, _) = pose.inverse_affine(grid.pitch_m)
+
+    def displaced(by_m: tuple[float, float]) -> Tensor:
+        y, x = ((p * by_m[0] + q * by_m[1]) / grid.pitch_m for p, q in ((a, b), (c, d)))
+        moved = band.displaced(spectrum, (y, x)) if any(by_m) else spectrum
+        return sample_intensity(moved, band, grid, pixel_grid, pose)
+
+    return mean_over_motion(pixel_grid, motion_px, pose, 2 * highest / grid.pitch_m, displaced)
 
 
 class TensorCache:
@@ -475,20 +511,12 @@ class NearFieldModel(CameraModel):
         stages = _Stages(self, drive, component, capture)
         last = spectrum_behind_modulators(stages, component.wavelength, 0, component.source)
         seen = stages.transmit(last, 1, component.wavelength)
-        pose_key = self.effects.cache_key(*_POSE_HOOKS)
+        pose_key = self.effects.cache_key(*POSE_HOOKS)
 
         def compute() -> Tensor:
-            band, grid, spectrum = self.band(1, component), self.plan.grid, seen.values()
             pose = self.effects.camera_pose(float(self.plan.planes_m[0])).about(component.centre_m)
-            highest = max(min(k / n, 0.5) for k, n in zip(band.max_indices, band.padded, strict=True))
-            (a, b, _), (c, d, _) = pose.inverse_affine(grid.pitch_m)
-
-            def displaced(by_m: tuple[float, float]) -> Tensor:
-                y, x = ((p * by_m[0] + q * by_m[1]) / grid.pitch_m for p, q in ((a, b), (c, d)))
-                moved = band.displaced(spectrum, (y, x)) if any(by_m) else spectrum
-                return sample_intensity(moved, band, grid, self.pixel_grid, pose)
-
-            return self.mean_over_motion(pose, 2 * highest / grid.pitch_m, displaced)
+            seen_at = (self.band(1, component), self.plan.grid, self.pixel_grid, pose)
+            return camera_picture(seen.values(), *seen_at, self.effects.camera_motion())
 
         return self.cache.get((*seen.key, "intensity", pose_key), compute)
 
@@ -637,7 +665,7 @@ class FourierBenchModel(CameraModel):
             self.effects.cache_key(*MODULATOR_HOOKS, laser=component.laser),
         )
         plane_m, relay = float(self.plan.planes_m[0]), self.plan.system.relay2
-        pose_key = self.effects.cache_key(*_POSE_HOOKS, laser=component.laser)
+        pose_key = self.effects.cache_key(*POSE_HOOKS, laser=component.laser)
 
         def compute() -> Tensor:
             modulator = self.plan.system.modulators[0]

@@ -36,7 +36,7 @@ from __future__ import annotations
 import io
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import islice
@@ -48,7 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.captures.count_bits import counts_as_stated
-from holoview.bench.captures.dataset import Captures, Masks
+from holoview.bench.captures.dataset import Captures, Masks, SlmSpec
 from holoview.bench.captures.nominal_bench import (
     MAY_BE_UNKNOWN,
     STOP_KEYS,
@@ -62,7 +62,10 @@ from holoview.bench.captures.nominal_bench import (
 from holoview.bench.captures.picture_files import UNKNOWN, read_greyscale
 from holoview.bench.captures.unknown_settings import with_estimates
 from holoview.bench.captures.validation import check_captures
+from holoview.light.model.elements import Pixels
 from holoview.light.model.fields import Number
+from holoview.light.model.preset import dumps, from_table
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text, require_file
@@ -154,7 +157,9 @@ def write_captures(
             h5.attrs["corrections"] = list(captures.corrections)
         if captures.estimated:
             h5.attrs["estimated"] = list(captures.estimated)
-        for number, slm in enumerate(captures.slms):
+        if captures.chain is not None:
+            write_chain(h5, captures)
+        for number, slm in enumerate(captures.slms if captures.chain is None else ()):
             group = h5.create_group(f"slm{number + 1}")
             group.create_dataset("levels", data=captures.levels[:, number], compression="gzip", compression_opts=4)
             group.attrs.update(pitch=slm.pitch_m, num_levels=slm.num_levels, opd_range=slm.opd_range_m)
@@ -187,7 +192,9 @@ def _read(h5: h5py.File) -> Captures:
     _check_format(h5)
     sizes: dict[str, int] = {}
     slms = ["slm1", "slm2"] if plain_child(h5, "slm2") is not None else ["slm1"]
-    levels = [DatasetReader(h5, schema, sizes) for schema in LEVELS[: len(slms)]]
+    chain = _chain(h5)
+    schemas = LEVELS[: len(slms)] if chain is None else chain_levels(chain)
+    levels = [DatasetReader(h5, schema, sizes) for schema in schemas]
     images = DatasetReader(h5, IMAGES, sizes)
     known = [schema for schema in PER_CAPTURE if not _is_unknown(h5, schema.name)]
     columns = {schema.name: DatasetReader(h5, schema, sizes) for schema in known}
@@ -205,7 +212,10 @@ def _read(h5: h5py.File) -> Captures:
         distance_m=columns["distance"].read().astype(np.float64),
         power=_column(columns, "power", images.shape[0]),
         exposure_s=_column(columns, "exposure", images.shape[0]),
-        slms=tuple(slm_from_attributes(_numbers(h5, slm, SLM_NUMBERS)) for slm in slms),
+        slms=tuple(slm_from_attributes(_numbers(h5, slm, SLM_NUMBERS)) for slm in slms)
+        if chain is None
+        else _slms_of_chain(h5, chain, levels),
+        chain=chain,
         camera=camera_from_attributes(camera),
         axis_m=(camera.get("axis_y", 0.0), camera.get("axis_x", 0.0)),
         usable=_usable(h5, mask, images.shape),
@@ -239,12 +249,71 @@ def _check_format(h5: h5py.File) -> None:
 
 def _read_levels(readers: Sequence[DatasetReader]) -> NDArray[np.unsignedinteger]:
     """The levels (capture, modulator, y, x) of all modulators."""
-    captures, *shape = readers[0].shape
+    captures = readers[0].shape[0]
+    shape = [max(reader.shape[axis] for reader in readers) for axis in (1, 2)]
     common_type = np.result_type(*(reader.dtype.newbyteorder("=") for reader in readers))
-    levels = np.empty((captures, len(readers), *shape), dtype=common_type)
+    levels = np.zeros((captures, len(readers), *shape), dtype=common_type)
     for number, reader in enumerate(readers):
-        reader.read_into(levels[:, number])
+        reader.read_into(levels[:, number, : reader.shape[1], : reader.shape[2]])
     return levels
+
+
+# --- a chain of elements ----------------------------------------------------------------------------------------------
+
+CHAIN = "chain"
+"""The attribute of a file whose bench is a chain: the bench as a preset's TOML, in place of slm1, slm2 and geometry."""
+
+
+def chain_levels(chain: System) -> list[ArraySchema]:
+    """The datasets of levels of the elements of a chain that show patterns, in order."""
+    names = chain.drive_shapes
+    return [ArraySchema(f"elements/{n}/levels", _COUNTS, ("capture", f"row of {n}", f"column of {n}")) for n in names]
+
+
+def write_chain(h5: h5py.File, captures: Captures) -> None:
+    """The bench and the levels of captures of a chain."""
+    assert captures.chain is not None
+    h5.attrs[CHAIN] = dumps(captures.chain)
+    shapes = captures.chain.drive_shapes
+    for number, (schema, slm) in enumerate(zip(chain_levels(captures.chain), captures.slms, strict=True)):
+        _, rows, columns = list(shapes.values())[number]
+        own = captures.levels[:, number, :rows, :columns]
+        h5.create_dataset(schema.name, data=own, compression="gzip", compression_opts=4)
+        h5[schema.name].attrs["num_levels"] = slm.num_levels
+
+
+def _chain(h5: h5py.File) -> System | None:
+    """The chain that a file states; None for a bench of the short form."""
+    text = _decode_text(read_attribute(h5, CHAIN))
+    if not text:
+        return None
+    where = f"attribute {CHAIN}"
+    table = parse_toml(text, where, "a bench in TOML")
+    elements = table.get("elements")
+    if isinstance(elements, list) and any(isinstance(e, Mapping) and "file" in e for e in elements):
+        raise UserError(where, "a mask from a file", expected="named masks: captures read no other files")
+    for key in ("base", "effects", "eye"):
+        if key in table:
+            raise UserError(where, f'has "{key}"', expected="a nominal chain of elements alone")
+    try:
+        chain = from_table(table)
+    except UserError as error:
+        raise error.inside(f"{where}: ") from error
+    if not chain.is_chain:
+        raise UserError(where, "one or two phase modulators", expected="slm1 and slm2 for these")
+    return chain
+
+
+def _slms_of_chain(h5: h5py.File, chain: System, levels: Sequence[DatasetReader]) -> tuple[SlmSpec, ...]:
+    """What the file states of the elements that show patterns."""
+    found = []
+    shown = [e for e in chain.elements if isinstance(e, Pixels) and e.is_driven]
+    for element, (_, *shape), reader in zip(shown, chain.drive_shapes.values(), levels, strict=True):
+        if list(reader.shape[1:]) != shape:
+            raise UserError(reader.name, f"{reader.shape[1:]} pixels", expected=f"{tuple(shape)}, as the chain has")
+        count = _numbers(h5, reader.name, SLM_NUMBERS[1:2])["num_levels"]
+        found.append(SlmSpec(element.pitch_m, int(count), getattr(element, "stroke_m", 0.0)))
+    return tuple(found)
 
 
 def _read_images(reader: DatasetReader) -> NDArray[np.uint16]:

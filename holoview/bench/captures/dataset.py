@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from holoview.light.model.bench_parts import Modulator, Relay, Sampling
 from holoview.light.model.effects.effect import DataProperties
+from holoview.light.model.effects.registry import chain_parts
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import first_of_part
 
@@ -150,7 +151,8 @@ class Camera:
 class Captures:
     """Patterns, camera images and settings of N captures, with the nominal geometry of the bench.
 
-    levels: (N, modulator, y, x), the grey levels that were sent.
+    levels: (N, modulator, y, x), the grey levels that were sent. Of a chain, those of each element that shows some, in
+    order, in the first rows and columns: shapes may differ (`patterns`).
     images: (N, y, x), raw counts.
     wavelength_m: (N,), in vacuum.
     distance_m: (N,), from the last modulator to the camera; on a Fourier bench the defocus from the focal plane.
@@ -171,6 +173,7 @@ class Captures:
     levels_before: shape as `levels`: for each capture the levels that the modulators showed before it, that is those of
     the capture taken before; the first capture of a measurement has its own levels here. If a modulator hadn't settled
     the values lie between whole levels. None if each capture's predecessor is the one before it in this data set.
+    chain: the nominal bench where it is a chain of elements, whose distances and stops the other fields don't tell.
     levels_first: (modulator, y, x), the levels of the first capture of the measurement; None if that capture is the
     first of this data set.
     """
@@ -197,6 +200,7 @@ class Captures:
     usable: Masks | None = None
     levels_before: NDArray[np.unsignedinteger] | Floats | None = None
     levels_first: NDArray[np.unsignedinteger] | None = None
+    chain: System | None = None
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -236,6 +240,8 @@ class Captures:
     @property
     def upsample(self) -> int:
         """Simulation samples per modulator pixel and axis: camera pixels per modulator pixel, limited to 2 … 16."""
+        if self.chain is not None:
+            return self.chain.sampling.upsample
         return max(2, min(16, round(self.slms[0].pitch_m / self.camera.pitch_m)))
 
     def data_properties(self) -> DataProperties:
@@ -245,7 +251,9 @@ class Captures:
             len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)
         )
         lasers = len(self.lasers_m) or wavelengths
-        return DataProperties(wavelengths, planes, powers, len(self.slms), irises, self.is_fourier, lasers=lasers)
+        elements = () if self.chain is None else chain_parts(self.chain)
+        own = (len(self.slms), irises, self.is_fourier)
+        return DataProperties(wavelengths, planes, powers, *own, lasers=lasers, elements=elements)
 
     def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> Captures:
         """The captures of these indices, in that order, on the same bench."""
@@ -277,6 +285,12 @@ class Captures:
         """The patterns of one capture as fractions of the stroke, 0 … 1, (modulator, y, x)."""
         return self.levels[capture] / self._highest_levels
 
+    def patterns(self, drive: Any) -> dict[str, Any]:
+        """The patterns (rows, columns) of a chain's elements by their names, from those of `drive`."""
+        assert self.chain is not None
+        shapes = self.chain.drive_shapes
+        return {n: own[: shape[1], : shape[2]] for own, (n, shape) in zip(drive, shapes.items(), strict=True)}
+
     def drive_before(self, capture: int) -> Floats:
         """As `drive`, of the capture that was taken before, in the order of the file; for the first its own drive."""
         return self._levels_before(capture) / self._highest_levels
@@ -306,6 +320,9 @@ class Captures:
         wavelengths = self.wavelengths_m if wavelengths_m is None else np.asarray(wavelengths_m, dtype=np.float64)
         distances = np.unique(self.distance_m) + (self.focal_length_m or 0.0)
         planes = distances if planes_m is None else np.asarray(planes_m, dtype=np.float64)
+        if self.chain is not None:
+            lasers = {"wavelengths": wavelengths, "amplitudes": np.ones((1, len(wavelengths)))}
+            return self.chain.edit({**lasers, "planes": planes})
         shape = (self.levels.shape[2], self.levels.shape[3])
         return System(
             wavelengths_m=wavelengths,

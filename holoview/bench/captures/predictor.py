@@ -29,6 +29,7 @@ from holoview.bench.captures.camera_model import (
     PixelGrid,
     TensorCache,
 )
+from holoview.bench.captures.chain_model import ChainModel
 from holoview.bench.captures.dataset import Captures
 from holoview.light.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.light.model.effects.hook_contexts import CameraContext
@@ -106,6 +107,8 @@ class SamplingConfig:
 
     def padded_samples(self, captures: Captures) -> int:
         """Samples of a simulated field of captures."""
+        if captures.chain is not None:
+            return math.prod(captures.chain.way.shape) * self.samples_factor
         return math.prod(captures.levels.shape[2:]) * captures.upsample**2 * self.samples_factor
 
     @property
@@ -294,20 +297,25 @@ class Predictor:
         return distance
 
     def _forward_model(
-        self, plan: Plan, active: TorchEffects, cache: TensorCache, earlier: tuple[Tensor, Tensor] | None
-    ) -> NearFieldModel | FourierBenchModel:
+        self, plan: Plan, active: TorchEffects, cache: TensorCache, earlier: Any
+    ) -> NearFieldModel | FourierBenchModel | ChainModel:
         c = self.captures
+        if c.chain is not None:
+            return ChainModel(plan, active, c.chain, self.pixel_grid, self.dtype, cache, earlier)
         model = FourierBenchModel if c.is_fourier else NearFieldModel
         relays, focal_length_m = (c.relay1, c.relay2), c.focal_length_m or 0.0
         return model(plan, active, relays, self.pixel_grid, self.dtype, cache, earlier, focal_length_m)
 
-    def _drive(self, k: int) -> Tensor:
-        return self._drives.get(k, lambda: torch.from_numpy(self.captures.drive(k)).to(self.real_dtype))
+    def _drive(self, k: int) -> Any:
+        """The patterns of a capture, (modulator, y, x); of a chain by element."""
+        drive = self._drives.get(k, lambda: torch.from_numpy(self.captures.drive(k)).to(self.real_dtype))
+        return drive if self.captures.chain is None else self.captures.patterns(drive)
 
-    def _earlier_drives(self, k: int) -> tuple[Tensor, Tensor]:
+    def _earlier_drives(self, k: int) -> tuple[Any, Any]:
         """The patterns of the capture that was taken before, and of the first capture of all."""
-        before, first = (torch.from_numpy(a) for a in (self.captures.drive_before(k), self.captures.first_drive))
-        return before.to(self.real_dtype), first.to(self.real_dtype)
+        c = self.captures
+        before, first = (torch.from_numpy(a).to(self.real_dtype) for a in (c.drive_before(k), c.first_drive))
+        return (before, first) if c.chain is None else (c.patterns(before), c.patterns(first))
 
 
 # --- effects that are checked before a search ------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from holoview.bench.captures.count_bits import bits_error
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.nominal_bench import describe_stops, has_only_stops, stop_attributes
-from holoview.light.model.effects.registry import listed_effects, unmet_by_data
+from holoview.light.model.effects.registry import chain_parts, effects_of, unmet_by_data
 from holoview.light.numerics.sample_bits import find_clipping
 from holoview.util.errors import UserError
 from holoview.util.figures import CaptionedTile, contact_sheet, greyscale_pixels
@@ -67,8 +67,10 @@ def check_lengths(captures: Captures) -> None:
 
 
 def _check_levels(captures: Captures) -> None:
-    for number, slm in enumerate(captures.slms):
-        where = f"slm{number + 1}"
+    names = [f"slm{number + 1}" for number in range(len(captures.slms))]
+    if captures.chain is not None:
+        names = [f"elements/{name}" for name in captures.chain.drive_shapes]
+    for number, (slm, where) in enumerate(zip(captures.slms, names, strict=True)):
         if not 2 <= slm.num_levels <= 65536:
             raise UserError(f"{where} attribute num_levels", f"{slm.num_levels}", expected="2 to 65536")
         highest = int(captures.levels[:, number].max())
@@ -104,7 +106,7 @@ def _check_length_limits(captures: Captures) -> None:
     }
     if not captures.is_fourier:
         values["distance"] = captures.distance_m
-    for number, slm in enumerate(captures.slms):
+    for number, slm in enumerate(captures.slms if captures.chain is None else ()):
         values[f"slm{number + 1} attribute pitch"] = np.array([slm.pitch_m])
         values[f"slm{number + 1} attribute opd_range"] = np.array([slm.opd_range_m])
     for name, value in (("gap", captures.gap_m), ("focal_length", captures.focal_length_m)):
@@ -130,7 +132,7 @@ def _check_spread(captures: Captures) -> None:
     is wrong. The light spreads by distance × the smaller of the stops' sine and λ/(2·pitch), the edge of the first
     order.
     """
-    if captures.is_fourier:
+    if captures.is_fourier or captures.chain is not None:
         return
     pitch_m, shortest = captures.slms[0].pitch_m, float(captures.wavelength_m.min())
     width = max(captures.levels.shape[2:]) * pitch_m
@@ -152,6 +154,8 @@ def _unit_hint(value: float, low: float, high: float) -> str:
 
 
 def _check_geometry(captures: Captures) -> None:
+    if captures.chain is not None:
+        return  # which is checked where it is made
     two = len(captures.slms) == 2
     if two and captures.is_fourier:
         raise UserError("slm2", "on a Fourier bench", expected="one modulator where there is a focal_length")
@@ -225,7 +229,8 @@ def _check_orientation(captures: Captures) -> None:
     """Images and patterns are either both wide or both tall; otherwise rows and columns are swapped in one of them."""
     if captures.is_fourier:
         return
-    (rows, columns), (image_rows, image_columns) = captures.levels.shape[2:], captures.shape
+    shape = captures.levels.shape[2:] if captures.chain is None else captures.chain.way.shape
+    (rows, columns), (image_rows, image_columns) = shape, captures.shape
     if rows == columns or image_rows == image_columns:
         return
     if (rows < columns) != (image_rows < image_columns):
@@ -263,7 +268,7 @@ def summarise(captures: Captures) -> dict[str, Any]:
     saturated = captures.saturated_shares
     clip = find_clipping(captures.images)
     clipped = {"level": clip.level, "share": clip.share} if clip and clip.level < camera.saturation else None
-    unmet = {name: unmet_by_data(effect, properties) for name, effect in listed_effects().items()}
+    unmet = {effect.id: unmet_by_data(effect, properties) for effect in effects_of(properties)}
     return {
         "captures": len(captures),
         "modulators": len(captures.slms),
@@ -271,7 +276,8 @@ def summarise(captures: Captures) -> dict[str, Any]:
         "levels": [slm.num_levels for slm in captures.slms],
         "image": list(captures.shape),
         "geometry": "Fourier bench" if captures.is_fourier else "near field",
-        "stops": [describe_stops(relay) for relay in (captures.relay1, captures.relay2)[-len(captures.slms) :]],
+        "stops": _stops(captures),
+        **({} if captures.chain is None else {"elements": dict(chain_parts(captures.chain))}),
         "wavelengths_m": captures.wavelengths_m.tolist(),
         "distances_m": np.unique(captures.distance_m).tolist(),
         "powers": properties.powers,
@@ -283,6 +289,13 @@ def summarise(captures: Captures) -> dict[str, Any]:
         "mean_electrons": float(np.median(signal) * camera.electrons_per_count),
         "cant_tell": {name: reason for name, reason in unmet.items() if reason},
     }
+
+
+def _stops(captures: Captures) -> list[str]:
+    """The stops of each relay in words, in the order of the light."""
+    if captures.chain is not None:
+        return [describe_stops(relay) for relay in captures.chain.way.relays]
+    return [describe_stops(relay) for relay in (captures.relay1, captures.relay2)[-len(captures.slms) :]]
 
 
 def _left_out(usable: NDArray[np.bool_]) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from holoview.bench.captures.validation import check_captures
 from holoview.light.model.bench_parts import Relay, Source
 from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import EffectValues
+from holoview.light.model.elements import ComplexModulator, Mask, Pixels
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
@@ -120,23 +121,29 @@ def make_captures(
 def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random.Generator) -> Captures:
     """Captures before they are taken: patterns and settings, with images of zeros and exposures of 1 s."""
     _check_nominal(system, settings)
-    slms = tuple(
-        SlmSpec(m.pitch_m, _DEFAULT_NUM_LEVELS if m.levels is None else len(m.levels), m.stroke_m)
-        for m in system.modulators
-    )
+    shown = [e for e in system.elements if isinstance(e, Pixels) and e.is_driven]
+    slms = tuple(slm_of(element) for element in shown)
     planes = _planes(system, settings)
     wavelengths, distances = (a.ravel() for a in np.meshgrid(system.wavelengths_m, planes, indexing="ij"))
     wavelengths, distances = (np.repeat(a, settings.captures_per_condition) for a in (wavelengths, distances))
-    shape, count = system.modulators[0].shape, len(wavelengths)
-    image_shape = settings.camera_shape or tuple(n * system.sampling.upsample for n in shape)
+    shapes, count = [element.shape for element in shown], len(wavelengths)
+    shape = (max(rows for rows, _ in shapes), max(columns for _, columns in shapes))
+    sample_m = system.way.sample_m
+    image_shape = settings.camera_shape or system.way.shape
     needed = count * (_LEVEL_BYTES * len(slms) * math.prod(shape) + _IMAGE_BYTES * math.prod(image_shape))
     require_memory("captures", needed, remedy="make fewer captures, or smaller ones")
     sigmas_px = [settings.blur_sigmas_px[k % len(settings.blur_sigmas_px)] for k in range(count)]
-    levels = [[random_levels(rng, shape, slm.num_levels, sigma_px) for slm in slms] for sigma_px in sigmas_px]
-    pitch_m = settings.camera_pitch_m or system.modulators[0].pitch_m / system.sampling.upsample
+    sent = list(zip(shapes, slms, strict=True))
+    levels = np.array(
+        [[_within(shape, random_levels(rng, own, slm.num_levels, σ)) for own, slm in sent] for σ in sigmas_px]
+    )
+    for number, element in enumerate(shown):
+        if getattr(element, "shared", False):
+            levels[:, number] = levels[0, number]
+    pitch_m = settings.camera_pitch_m or sample_m
     full_scale = 2**settings.bit_depth - 1 - settings.black_level
     return Captures(
-        levels=np.array(levels),
+        levels=levels,
         images=np.zeros((count, *image_shape), np.uint16),
         wavelength_m=wavelengths,
         distance_m=distances,
@@ -155,7 +162,20 @@ def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random
         relay1=system.relay1,
         relay2=system.relay2 if settings.focal_length_m is None else Relay(),
         focal_length_m=settings.focal_length_m,
+        chain=system.edit({"effects": {}, "planes": planes}) if system.is_chain else None,
     )
+
+
+def slm_of(element: Pixels) -> SlmSpec:
+    """What captures state of an element that shows patterns; the path of full drive is 0 for an amplitude."""
+    levels = getattr(element, "levels", None)
+    count = _DEFAULT_NUM_LEVELS if levels is None else len(levels)
+    return SlmSpec(element.pitch_m, count, getattr(element, "stroke_m", 0.0))
+
+
+def _within(shape: tuple[int, int], levels: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
+    """Levels (rows, columns) in the first rows and columns of a larger array of zeros."""
+    return np.pad(levels, [(0, n - own) for n, own in zip(shape, levels.shape, strict=True)])
 
 
 class _CameraSimulator:
@@ -228,11 +248,18 @@ def _check_nominal(system: System, settings: AcquisitionSettings) -> None:
             raise UserError(name, "has more than stops", expected=expected, remedy=remedy)
     if system.source != Source():
         raise UserError("source", "isn't a single wave on the axis", expected="one plane wave", remedy=remedy)
-    for modulator in system.modulators:
-        if modulator.levels is not None and not np.array_equal(
-            modulator.levels, np.linspace(0, 1, len(modulator.levels))
-        ):
+    for element in system.elements:
+        levels = getattr(element, "levels", None)
+        if levels is not None and not np.array_equal(levels, np.linspace(0, 1, len(levels))):
             raise UserError("levels", "aren't equal steps", expected="equal steps of the stroke", remedy=remedy)
+        if isinstance(element, ComplexModulator):
+            expected = "phase and amplitude modulators, whose levels a capture file holds"
+            raise UserError("elements", "a complex modulator", expected=expected)
+        if isinstance(element, Mask) and element.file:
+            raise UserError("elements", "a mask from a file, which a capture file can't hold", expected="a named mask")
+    if settings.focal_length_m is not None and system.is_chain:
+        found = "with a chain of elements"
+        raise UserError("focal length", found, expected="one modulator", remedy="a chain has elements of kind fourier")
     if settings.focal_length_m is not None and len(system.modulators) == 2:
         raise UserError("focal length", "with two modulators", expected="one modulator on a Fourier bench")
     if settings.captures_per_condition < 1 or settings.finer < 1:

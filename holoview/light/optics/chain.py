@@ -42,11 +42,14 @@ class ChainTransmissions:
     """What the elements of a chain multiply light by, with effects on them and on the light before the first.
 
     drives: patterns (frame, y, x) by the names of elements, for the frames of the nominal system.
+    effects: those of the nominal system when None. laser: number of the one that is on; as the wavelength when None.
     """
 
-    def __init__(self, plan: Plan, drives: dict[str, Any]) -> None:
-        self._plan, self._drives = plan, drives
-        self._effects = TorchEffects(plan.nominal.effect_values)
+    def __init__(
+        self, plan: Plan, drives: dict[str, Any], effects: TorchEffects | None = None, laser: int | None = None
+    ) -> None:
+        self._plan, self._drives, self._laser = plan, drives, laser
+        self._effects = TorchEffects(plan.nominal.effect_values) if effects is None else effects
         names = zip(plan.system.elements, plan.system.element_names, strict=True)
         self._names = {id(element): name for element, name in names}
         self._static: dict[tuple[int, int], Tensor] = {}
@@ -79,28 +82,33 @@ class ChainTransmissions:
     def source_light(self, wave: Tensor, wavelength: int) -> Tensor:
         """The light before the first element: a plane wave (y, x) of the source with the effects on the source."""
         grid = self._plan.grid
-        λ, laser = float(self._plan.system.wavelengths_m[wavelength]), laser_number(self._plan, wavelength)
+        λ, laser = float(self._plan.system.wavelengths_m[wavelength]), self._laser_number(wavelength)
         context = ModulatorContext(0, λ, 0.0, grid.pitch_m, grid.shape, 1, laser)
         return self._effects.on_light("transmission", wave, context, ("source",))
 
+    def name_of(self, element: Element) -> str:
+        """The name of an element."""
+        return self._names[id(element)]
+
+    def patterns(self, element: Pixels, frame: int) -> tuple[Sequence[Any], float]:
+        """What an element shows in a frame of `plan.system`, and the factor of optical paths there.
+
+        The patterns (rows, columns) that is sent, that was sent before, and that was first of all; None if unknown.
+        """
+        drive, (shown, moment) = self._drive(element), divmod(frame, len(self._plan.moments))
+        frames = (shown, shown - 1, 0)  # they repeat
+        return [drive[f if len(drive) > 1 else 0] for f in frames], self._plan.moments[moment]
+
     def _of_driven(self, element: Pixels, frame: int, wavelength: int) -> Tensor:
         """The transmission (y, x) of the samples of an element that shows patterns, in a frame of `plan.system`."""
-        drive, (shown, moment) = self._drive(element), divmod(frame, len(self._plan.moments))
-        patterns = [drive[f if len(drive) > 1 else 0] for f in (shown, shown - 1, 0)]  # frames repeat
-        return self.driven(element, patterns, wavelength, self._plan.moments[moment])
-
-    def driven(self, element: Pixels, patterns: Sequence[Tensor], wavelength: int, path_factor: float = 1.0) -> Tensor:
-        """The transmission (y, x) of the samples of an element that shows a pattern.
-
-        patterns: (rows, columns), the one that is sent, the one sent before, and the first of all.
-        path_factor: of its optical paths, of one sample of an exposure.
-        """
-        context, part = self._context(element, wavelength), (self._names[id(element)],)
+        patterns, path_factor = self.patterns(element, frame)
+        context, part = self._context(element, wavelength), (self.name_of(element),)
         effects = self._effects
         if isinstance(element, ComplexModulator):
             light = pixel_transmission(element, patterns[0], context.wavelength_m)
             return self._placed(element, self._with_path(light, None, context, part), context, part)
-        sent = [nearest_level(pattern.double(), element) for pattern in patterns]  # type: ignore[arg-type]
+        sent = [None if p is None else nearest_level(p.double(), element) for p in patterns]  # type: ignore[arg-type]
+        assert sent[0] is not None
         shown = effects.shown(sent[0], context, part, sent[1], sent[2])
         context = replace(context, shown=shown)
         if isinstance(element, PhaseModulator):
@@ -141,12 +149,15 @@ class ChainTransmissions:
 
     def _context(self, element: Pixels, wavelength: int) -> ModulatorContext:
         """The context of the hooks on an element."""
-        λ, laser = float(self._plan.system.wavelengths_m[wavelength]), laser_number(self._plan, wavelength)
+        λ, laser = float(self._plan.system.wavelengths_m[wavelength]), self._laser_number(wavelength)
         size, stroke_m = round(element.pitch_m / self._plan.grid.pitch_m), getattr(element, "stroke_m", None) or 0.0
         return ModulatorContext(0, λ, stroke_m, element.pitch_m, pixel_shape(element), size, laser)
 
+    def _laser_number(self, wavelength: int) -> int:
+        return laser_number(self._plan, wavelength) if self._laser is None else self._laser
+
     def _drive(self, element: Element) -> Tensor:
-        drive = self._drives[self._names[id(element)]]
+        drive = self._drives[self.name_of(element)]
         return drive if isinstance(drive, Tensor) else torch.from_numpy(drive.copy())
 
     def _of_static(self, element: Element, place: str, wavelength: int) -> Tensor:
@@ -154,7 +165,7 @@ class ChainTransmissions:
         if isinstance(element, Mask):
             context, part, values = (
                 self._context(element, wavelength),
-                (self._names[id(element)],),
+                (self.name_of(element),),
                 mask_values(element),
             )
             path_m, light = (

@@ -13,6 +13,7 @@ from holoview.light.model.effects.effect import MODULATOR_HOOKS
 from holoview.light.model.effects.hook_contexts import CameraContext, ModulatorContext, Pose, RelayContext
 from holoview.light.model.effects.registry import ActiveEffects
 from holoview.light.model.plan import Plan
+from holoview.light.model.system import System
 from holoview.light.optics.propagate import direction_sines
 from holoview.light.optics.slm import nearest_level, phasor
 
@@ -226,13 +227,20 @@ def modulator_context(
     return ModulatorContext(number, λ, slm.stroke_m, slm.pitch_m, slm.shape, plan.grid.upsample, laser, frame, centre_m)
 
 
-def effects_pupil(plan: Plan, relay: int, wavelength: int) -> Tensor | None:
-    """The pupil (P_y, P_x) complex128 that effects add to a relay, in `fftfreq` order; None if there is none."""
+def effects_pupil(
+    plan: Plan, relay: int, wavelength: int, effects: TorchEffects | None = None, nominal: System | None = None
+) -> Tensor | None:
+    """The pupil (P_y, P_x) complex128 that effects add to a relay, in `fftfreq` order; None if there is none.
+
+    effects, nominal: the plan's when None.
+    """
+    nominal = nominal or plan.nominal
+    effects = TorchEffects(nominal.effect_values) if effects is None else effects
     λ = float(plan.system.wavelengths_m[wavelength])
-    way, names = plan.nominal.way, plan.way.relay_names[relay]
+    way, names = nominal.way, plan.way.relay_names[relay]
     if names not in way.relay_names or way.kernel(way.relay_names.index(names)) is not None:
         return None  # what a moved element leaves, and a Fourier element, have no pupil
     own = way.relay_names.index(names)
     radius = way.relays[own].pupil_radius_sine(λ, way.orders_m[own])
     context = RelayContext(relay, λ, *direction_sines(plan.grid, λ), radius, way.relays[own].centre_na, names)
-    return TorchEffects(plan.nominal.effect_values).pupil(context, torch.complex128)
+    return effects.pupil(context, torch.complex128)

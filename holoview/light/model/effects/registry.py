@@ -79,6 +79,25 @@ def get_effect(name: str) -> Effect:
     return _on_element(effect, element)
 
 
+def effects_of(bench: DataProperties) -> list[Effect]:
+    """The effects that are offered as causes on a bench: of a chain those that act on it as a whole, and on elements.
+
+    Those that do another effect's work there are left out.
+    """
+    if not bench.elements:
+        return list(listed_effects().values())
+    whole = [effect for effect in listed_effects().values() if not effect.element_kinds]
+    return [
+        *(effect for effect in whole if effect.on_chain or set(effect.acts_on) <= {"source", "camera"}),
+        *(
+            _on_element(effect, name)
+            for effect in element_effects().values()
+            for name, kind in bench.elements
+            if kind in effect.element_kinds
+        ),
+    ]
+
+
 def effect_or_twin(name: str) -> Effect:
     """The effect of an id, or of the id that several have where they act on an element: the first of these.
 
