@@ -74,8 +74,8 @@ from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import (
     ActiveEffects,
     effect_on_bench,
+    effects_of,
     is_user_effect,
-    listed_effects,
     load_user_effects,
     unmet_by_bench,
     unmet_by_data,
@@ -146,7 +146,8 @@ def diagnose(
     """
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
-    candidates = list(listed_effects().values() if effects is None else effects)
+    candidates = list(effects_of(captures.data_properties()) if effects is None else effects)
+    free_maps = free_maps and captures.chain is None  # which are of modulator 1 and 2
     most_s = math.inf if time_s is None else time_s
     given = (workers, progress or no_progress, free_maps, thorough, most_s, is_asked_to_end, so_far, forecast, sampling)
     request = _Request(candidates, known, uncertain or {}, *given, config or SearchConfig(), sampling == PLAIN)

@@ -166,7 +166,8 @@ def orientation_candidates(captures: Captures) -> list[Correction]:
     of_slms = ORIENTATIONS[1:] if rows == columns else SHAPE_KEEPING[1:]
     square_camera = captures.shape[0] == captures.shape[1]
     of_camera = ORIENTATIONS[1:] if rows == columns or square_camera or captures.is_fourier else SHAPE_KEEPING[1:]
-    slms = [SlmOrientation(slm, orientation) for slm in range(len(captures.slms)) for orientation in of_slms]
+    modulators = range(len(captures.slms) if captures.chain is None else 0)  # a chain's patterns differ in shape
+    slms = [SlmOrientation(slm, orientation) for slm in modulators for orientation in of_slms]
     return [*slms, *(CameraOrientation(orientation) for orientation in of_camera)]
 
 

@@ -59,6 +59,8 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
     if captures.is_fourier:
         shape = _speckles_px(captures, side_px + 2 * further_px)
         return captures if shape == captures.shape else cut_pictures(captures, picture_window(captures, shape))
+    if captures.chain is not None:  # whose elements differ in shape
+        return captures
     pitch_m = captures.slms[0].pitch_m
     margin = math.ceil(_walk_off_m(captures) / pitch_m) + further_px
     rows, columns = (_kept(n, side_px + 2 * margin) for n in captures.levels.shape[2:])

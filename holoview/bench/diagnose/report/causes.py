@@ -162,7 +162,7 @@ def proposed_captures(captures: Captures, smooth_index: int, rough_index: int) -
         ProposedCapture("a capture with half the laser power", replace(rough, power=rough.power / 2)),
         ProposedCapture("a capture with a tenth of the exposure", replace(rough, exposure_s=rough.exposure_s / 10)),
     ]
-    if len(captures.slms) > 1:
+    if len(captures.slms) > 1 and captures.chain is None:
         for number in (0, 1):
             levels = rough.levels.copy()
             levels[:, number] = middle
