@@ -82,7 +82,7 @@ REFUSING = {
     "a field": ("export", "chain.safetensors", "--field", "field.safetensors"),
     "a point": ("point", "chain.toml"),
     "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),
-    "captures": ("captures", "make", "chain.toml", "-o", "captures.h5"),
+    "captures of a Fourier bench": ("captures", "make", "chain.toml", "--focal-length", "0.1m", "-o", "captures.h5"),
     "a named method": ("optimise", "chain.toml", "picture.png", "--method", "gerchberg-saxton"),
     "the window": ("view", "chain.toml"),
     "a study": ("study", "hologram", "chain.safetensors", "-o", "study"),

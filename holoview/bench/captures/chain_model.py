@@ -109,7 +109,10 @@ class _Stages(TorchPropagation):
         values = tuple((effect.id, v.cache_key) for effect, v in hooks)
         distance_m = self.plan.transfer(relay, wavelength).distance_m
         λ = float(self.plan.system.wavelengths_m[wavelength])
-        return relay, way.relays[relay], way.orders_m[relay], way.kernel(relay), distance_m, λ, self.plan.grid, values
+        ky, kx = self.frequencies(relay)  # which follow from all wavelengths of the plan
+        band = (len(ky), int(ky.min()), len(kx), int(kx.min()))
+        stops = (way.relays[relay], way.orders_m[relay], way.kernel(relay))
+        return relay, *stops, distance_m, λ, self.plan.grid, band, values
 
     def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
         def compute() -> Tensor:

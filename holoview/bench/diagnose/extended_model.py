@@ -22,6 +22,13 @@ def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple
 
     Raises UserError when the preset's modulators aren't those of the captures.
     """
+    if captures.chain is not None:
+        if system.drive_shapes != captures.chain.drive_shapes:
+            found = ", ".join(f"{own} {shape[1:]}" for own, shape in system.drive_shapes.items())
+            known = ", ".join(f"{own} {shape[1:]}" for own, shape in captures.chain.drive_shapes.items())
+            raise UserError(f"--preset {name}", found, expected=f"{known}, as in the captures")
+        return dataclasses.replace(captures, chain=system.edit({"effects": {}})), system.effect_values, system
+    system.require_short_form(f"--preset {name}")
     if len(system.modulators) != len(captures.slms):
         raise UserError(
             f"--preset {name}",

@@ -1,0 +1,138 @@
+"""Captures of chains: the predictor is `simulate`, files hold every element's levels, and what can't be is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import holoview as hv
+from holoview.bench.captures.capture_file import read_captures, write_captures
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, blank_captures, make_captures
+from holoview.light.model.effects.registry import effects_of
+from holoview.light.model.system import System
+
+UM, MM, NM = 1e-6, 1e-3, 1e-9
+PHASE = {"name": "slm", "kind": "phase", "pitch": 8 * UM, "shape": (18, 24), "stroke": 800 * NM}
+WAY = {"name": "way", "kind": "space", "distance": 1 * MM, "iris_na": 0.03}
+MASK = {"name": "mask", "kind": "mask", "pitch": 8 * UM, "shape": (18, 24), "pattern": "random", "stroke": 700 * NM}
+COARSE = {"name": "coarse", "kind": "amplitude", "pitch": 24 * UM, "shape": (6, 8)}
+LAST = {"name": "last", "kind": "space", "square": "first order of slm"}
+
+
+def _chain(*elements: dict[str, Any], **keys: Any) -> System:
+    shown = list(elements) or [PHASE, WAY, MASK, WAY | {"name": "to coarse"}, COARSE, LAST]
+    keys = {"planes_m": [3 * MM, 4 * MM], "observer": "mono"} | keys
+    return System([532 * NM, 580 * NM], [[1.0, 1.0]], elements=shown, **keys)
+
+
+def _blank() -> Captures:
+    return blank_captures(_chain(), AcquisitionSettings(captures_per_condition=2), np.random.default_rng(3))
+
+
+def _deviation(effects: dict[str, dict[str, Any]], k: int) -> float:
+    """Of the prediction of capture k from what `simulate` shows of two frames, of which it is the second."""
+    captures = _blank()
+    nominal = captures.nominal_system(planes_m=[captures.distance_m[k]])
+    lit = np.where(nominal.wavelengths_m == captures.wavelength_m[k], captures.power[k], 0.0)
+    bench = nominal.edit({"amplitudes": [[0.0, 0.0], lit.tolist()], "effects": effects})
+    before, shown = (captures.patterns(captures.drive(n)) for n in (k - 1, k))
+    drive = {name: np.stack([before[name], shown[name]]) for name in shown}
+    expected = 2 * hv.simulate(bench, drive, backend="torch64").intensity[0].sum(axis=0)  # the mean over two frames
+    found = Predictor(captures, double_precision=True)([k], effects).signal[0].numpy()
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+SEEN = [e for e in effects_of(_blank().data_properties()) if not ({"camera"} & set(e.acts_on)) and e.id != "gap@last"]
+
+
+@pytest.mark.parametrize("name", ["", *(effect.id for effect in SEEN if effect.id != "laser_power")])
+def test_a_prediction_is_what_the_simulation_shows(name: str) -> None:
+    effects = {e.id: {p.name: p.nudged(0.5) for p in e.parameters} for e in SEEN if e.id == name}
+    # both in double precision; a broad line's band differs from a laser's, which changes only the order of sums
+    assert _deviation(effects, 5) < 1e-12
+
+
+def test_each_result_that_is_kept_is_that_of_its_effects() -> None:
+    """One predictor for all effects in turn gives what a new one gives, so that no key lacks a value."""
+    captures = _blank()
+    kept = Predictor(captures)
+    for effect in SEEN:
+        effects = {effect.id: {p.name: p.nudged(0.5) for p in effect.parameters}}
+        assert np.array_equal(kept([3], effects).signal, Predictor(captures)([3], effects).signal), effect.id
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    captures = make_captures(_chain(), {"leakage@coarse": {"amplitude": 0.2}}, AcquisitionSettings(2))
+    write_captures(tmp_path / "chain.h5", captures)
+    return tmp_path / "chain.h5"
+
+
+def test_a_file_holds_the_levels_of_each_element_and_the_bench(file: Path) -> None:
+    found = read_captures(file)
+    captures = make_captures(_chain(), {"leakage@coarse": {"amplitude": 0.2}}, AcquisitionSettings(2))
+    assert np.array_equal(found.levels, captures.levels) and np.array_equal(found.images, captures.images)
+    assert found.slms == captures.slms and found.chain is not None
+    assert found.chain.drive_shapes == {"slm": (1, 18, 24), "coarse": (1, 6, 8)}
+    assert np.array_equal(Predictor(found)([2]).signal, Predictor(captures)([2]).signal)
+    with h5py.File(file) as h5:
+        assert h5["elements/coarse/levels"].shape == (8, 6, 8)
+        assert "slm1" not in h5  # so that no reader takes it for a bench of the short form
+
+
+def _changed(file: Path, change: Any) -> None:
+    with h5py.File(file, "r+") as h5:
+        change(h5)
+
+
+WRONG: dict[str, tuple[Any, str]] = {
+    "levels that are missing": (lambda h5: h5.pop("elements/coarse/levels"), "elements/coarse/levels: is missing"),
+    "no TOML": (lambda h5: h5.attrs.__setitem__("chain", "[["), "attribute chain"),
+    "a short form": (
+        lambda h5: h5.attrs.__setitem__("chain", h5.attrs["chain"].split("[[elements]]")[0]),
+        "attribute chain",
+    ),
+    "a file that would be read": (
+        lambda h5: h5.attrs.__setitem__("chain", h5.attrs["chain"].replace('pattern = "random"', 'file = "/etc/passwd"')),
+        "captures read no other files",
+    ),
+    "another shape": (
+        lambda h5: h5.attrs.__setitem__("chain", h5.attrs["chain"].replace("3,\n    4", "3,\n    3").replace("8,\n]", "9,\n]")),
+        "chain",
+    ),
+    "a level too high": (lambda h5: h5["elements/coarse/levels"].attrs.__setitem__("num_levels", 4), "elements/coarse"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_file_that_cannot_be_is_refused_in_a_sentence(file: Path, name: str) -> None:
+    change, words = WRONG[name]
+    _changed(file, change)
+    with pytest.raises(hv.UserError, match=words) as caught:
+        read_captures(file)
+    assert str(file) in str(caught.value)
+
+
+def test_what_a_capture_file_cannot_hold_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "mask.npy", np.full((18, 24), 0.5))
+    own = {"name": "mask", "kind": "mask", "pitch": 8 * UM, "file": str(tmp_path / "mask.npy")}
+    for elements, words in (
+        ((PHASE, {"name": "wide", "kind": "complex", "pitch": 8 * UM, "shape": (18, 24)}), "a complex modulator"),
+        ((PHASE, own), "a mask from a file"),
+    ):
+        with pytest.raises(hv.UserError, match=words):
+            make_captures(_chain(*elements))
+    with pytest.raises(hv.UserError, match="focal length: with a chain"):
+        make_captures(_chain(), settings=AcquisitionSettings(2, focal_length_m=0.1))
+
+
+def test_a_shared_pattern_is_the_same_in_all_captures() -> None:
+    captures = blank_captures(_chain(PHASE, COARSE | {"shared": True}), AcquisitionSettings(3), np.random.default_rng(1))
+    assert (captures.levels[:, 1] == captures.levels[0, 1]).all()
+    assert (captures.levels[:, 0] != captures.levels[0, 0]).any()

@@ -1,0 +1,186 @@
+"""Captures of chains with hidden faults by plain numpy, which shares no code with the predictor of captures.
+
+    python -m tests.diagnose.independent_chain 20       draws so many faults and tells which are named
+
+Fields are sampled twice a pixel and padded to twice their width; free space is the exact transfer function of all waves
+that propagate. A misplaced element is drawn at its place: a sample is the mean over 32 × 32 places in it.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
+from holoview.bench.diagnose.pipeline import diagnose
+from holoview.light.model.system import System
+
+Floats = NDArray[np.float64]
+
+UM, MM, NM = 1e-6, 1e-3, 1e-9
+PIXELS, PITCH_M, FINE = 32, 8 * UM, 2  # modulator pixels, and samples of the simulation for each
+PLACES = 32  # along each side of a sample
+STROKE_M, MASK_STROKE_M = 800 * NM, 500 * NM
+LASERS_M, PLANES_M = (532 * NM, 600 * NM), (3 * MM, 5 * MM)
+COARSE = 4  # pixels of the phase modulator for each of the amplitude modulator
+WAY_M = 2 * MM
+EACH = 4  # captures of a laser and a plane
+MASK_SEED = 5
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A hidden fault: the effect that names it, and its values, SI."""
+
+    effect: str
+    values: dict[str, float]
+
+
+def draw_fault(rng: np.random.Generator, kind: str) -> Fault:
+    """A fault of a kind, of a size that shows plainly."""
+    sign = rng.choice([-1.0, 1.0])
+    if kind == "leakage":
+        return Fault("leakage@second", {"amplitude": rng.uniform(0.05, 0.3)})
+    if kind == "gamma":
+        return Fault("amplitude_gamma@second", {"gamma": float(np.exp(sign * rng.uniform(0.15, 0.7)))})
+    if kind == "depth":
+        return Fault("mask_depth@second", {"error": sign * rng.uniform(0.05, 0.3)})
+    if kind == "far":
+        return Fault("misplaced@second", {"shift_z": sign * rng.uniform(0.05, 0.4) * MM})
+    if kind == "turned":
+        return Fault("misplaced@second", {"rotation": sign * rng.uniform(3e-3, 20e-3)})
+    y, x = rng.uniform(1 * UM, 8 * UM, 2) * rng.choice([-1.0, 1.0], 2)
+    return Fault("misplaced@second", {"shift_y": y, "shift_x": x})
+
+
+OF_AMPLITUDE, OF_MASK = ("leakage", "gamma", "shifted", "far"), ("shifted", "far", "turned", "depth")
+
+
+def nominal(is_mask: bool) -> System:
+    """The bench that the laboratory believes in: a phase modulator, and a coarse amplitude modulator or a mask."""
+    size = PIXELS // COARSE
+    second: dict[str, Any] = {"kind": "amplitude", "pitch": COARSE * PITCH_M, "shape": (size, size)}
+    if is_mask:
+        second = {"kind": "mask", "pitch": PITCH_M, "shape": (PIXELS, PIXELS), "pattern": "random", "seed": MASK_SEED}
+        second["stroke"] = MASK_STROKE_M
+    first = {"kind": "phase", "name": "first", "pitch": PITCH_M, "shape": (PIXELS, PIXELS), "stroke": STROKE_M}
+    way = {"kind": "space", "name": "way", "distance": WAY_M, "iris_na": 0.05}
+    elements = [first, way, second | {"name": "second"}, {"kind": "space", "name": "last", "iris_na": 0.03}]
+    ones = np.ones((1, len(LASERS_M)))
+    return System(LASERS_M, ones, elements=elements, planes_m=list(PLANES_M), observer="mono")
+
+
+def captures_with(fault: Fault | None, is_mask: bool, rng: np.random.Generator) -> Captures:
+    """Captures of a bench with a fault, or without one."""
+    count = len(LASERS_M) * len(PLANES_M) * EACH
+    λs, zs = np.repeat(LASERS_M, len(PLANES_M) * EACH), np.tile(np.repeat(PLANES_M, EACH), len(LASERS_M))
+    number = 1 if is_mask else 2
+    levels = np.zeros((count, number, PIXELS, PIXELS), np.uint8)
+    power, size = rng.uniform(0.5, 1.0, count).round(2), PIXELS // COARSE
+    images = np.empty((count, 2 * PIXELS, 2 * PIXELS))
+    for k in range(count):
+        levels[k, 0] = _smooth_levels(rng, PIXELS)
+        if not is_mask:
+            levels[k, 1, :size, :size] = rng.integers(0, 256, (size, size))
+        second = None if is_mask else levels[k, 1, :size, :size] / 255
+        images[k] = power[k] * _seen(levels[k, 0] / 255, second, float(λs[k]), float(zs[k]), fault)
+    for λ in LASERS_M:  # one gain for each laser, which a diagnosis has to find
+        images[λs == λ] *= rng.uniform(0.7, 1.3)
+    return _measured(images, levels, λs, zs, power, nominal(is_mask), rng)
+
+
+def _smooth_levels(rng: np.random.Generator, n: int) -> NDArray[np.uint8]:
+    """Random levels, some of them blurred."""
+    values = rng.random((n, n))
+    for _ in range(int(rng.integers(0, 3))):
+        values = sum(np.roll(values, s, a) for s in (-1, 0, 1) for a in (0, 1))
+    values = (values - values.min()) / (values.max() - values.min())
+    return np.rint(255 * values).astype(np.uint8)
+
+
+def _seen(drive: Floats, second: Floats | None, λ: float, z: float, fault: Fault | None) -> Floats:
+    """The intensity (y, x) on camera pixels of half a modulator pixel, of unit power."""
+    effect, v = (fault.effect.split("@")[0], fault.values) if fault else ("", {})
+    fine = np.repeat(np.repeat(drive, FINE, 0), FINE, 1)
+    shift_z = v.get("shift_z", 0.0)
+    light = _through(np.exp(2j * np.pi * STROKE_M / λ * fine), λ, WAY_M + shift_z, 0.05)
+    inside = slice(len(fine) // 2, 3 * len(fine) // 2)
+    if second is None:
+        path = np.random.default_rng(MASK_SEED).random((PIXELS, PIXELS)) * MASK_STROKE_M * (1 + v.get("error", 0.0))
+        pixels, pitch = np.exp(2j * np.pi * path / λ), FINE
+    else:
+        amplitude = second ** v.get("gamma", 1.0)
+        leak = v.get("amplitude", 0.0) if effect == "leakage" else 0.0
+        pixels, pitch = (amplitude + (1 - amplitude) * leak).astype(complex), FINE * COARSE
+    row, column = (np.floor(place / pitch).astype(int) for place in _own_places(len(fine), v))
+    n = len(pixels)
+    within = (row >= 0) & (row < n) & (column >= 0) & (column < n)
+    shown = np.where(within, pixels[np.clip(row, 0, n - 1), np.clip(column, 0, n - 1)], 0.0)
+    sampled = shown.reshape(len(fine), PLACES, len(fine), PLACES).mean(axis=(1, 3))
+    return _over_pixels(_through(light[inside, inside] * sampled, λ, z - shift_z, 0.03), inside)
+
+
+def _own_places(n: int, v: dict[str, float]) -> tuple[Floats, Floats]:
+    """Where the places in the samples of the field are on an element out of its place, in samples from its corner."""
+    sample_m = PITCH_M / FINE
+    y, x = ((np.indices((n * PLACES, n * PLACES)) + 0.5) / PLACES - n / 2) * sample_m
+    y, x, turn = y - v.get("shift_y", 0.0), x - v.get("shift_x", 0.0), v.get("rotation", 0.0)
+    own_y, own_x = np.cos(turn) * y - np.sin(turn) * x, np.sin(turn) * y + np.cos(turn) * x
+    return own_y / sample_m + n / 2, own_x / sample_m + n / 2
+
+
+def _over_pixels(whole: NDArray[np.complex128], inside: slice) -> Floats:
+    """The mean intensity over camera pixels of a sample each, at four places along each side."""
+    k, spectrum, total = np.fft.fftfreq(len(whole)), np.fft.fft2(whole), np.zeros((2 * PIXELS, 2 * PIXELS))
+    for y, x in np.ndindex(4, 4):
+        turns = k[:, None] * (y - 1.5) / 4 + k[None, :] * (x - 1.5) / 4
+        total += np.abs(np.fft.ifft2(spectrum * np.exp(2j * np.pi * turns))[inside, inside]) ** 2 / 16
+    return total
+
+
+def _through(field: NDArray[np.complex128], λ: float, z: float, na: float) -> NDArray[np.complex128]:
+    """Free space over z behind a field, on twice its width, through a round stop of direction sine na."""
+    n = len(field)
+    padded = np.zeros((2 * n, 2 * n), complex)
+    padded[n // 2 : 3 * n // 2, n // 2 : 3 * n // 2] = field
+    sine = λ * np.fft.fftfreq(2 * n, PITCH_M / FINE)
+    square = sine[:, None] ** 2 + sine[None, :] ** 2
+    kernel = np.exp(2j * np.pi * z / λ * (np.sqrt(np.maximum(1 - square, 0)) - 1)) * (square <= min(na, 1.0) ** 2)
+    return np.asarray(np.fft.ifft2(np.fft.fft2(padded) * kernel))
+
+
+def _measured(
+    images: Floats, levels: Any, λs: Floats, zs: Floats, power: Floats, chain: System, rng: np.random.Generator
+) -> Captures:
+    """Counts of a camera with shot noise, read noise and 12 bits."""
+    camera = Camera(PITCH_M / 2, 12, 4.0, 3.0, 64.0, integrates=True)
+    exposure = np.array([0.8 * (camera.saturation - 64) / np.quantile(image, 0.999) for image in images])
+    scale = float(np.median(exposure)) / 0.02
+    electrons = rng.poisson(images * exposure[:, None, None] * 4.0) + 3.0 * rng.standard_normal(images.shape)
+    counts = np.clip(np.rint(electrons / 4.0 + 64.0), 0, camera.saturation).astype(np.uint16)
+    shown = [(PITCH_M, STROKE_M), (COARSE * PITCH_M, 0.0)][: levels.shape[1]]
+    slms = tuple(SlmSpec(pitch_m, 256, stroke_m) for pitch_m, stroke_m in shown)
+    return Captures(levels, counts, λs, zs, power, exposure / scale, slms, camera, chain=chain)
+
+
+def main(count: int, seed: int = 0) -> None:
+    """Draws faults, diagnoses each, and prints whether it is named."""
+    named = 0
+    for number in range(count):
+        rng = np.random.default_rng(1000 * seed + number)
+        is_mask = bool(number % 2)
+        fault = draw_fault(rng, (OF_MASK if is_mask else OF_AMPLITUDE)[number // 2 % 4])
+        found = diagnose(captures_with(fault, is_mask, rng))
+        causes = {cause.effect: {p: i.value for p, i in cause.intervals.items()} for cause in found.causes}
+        is_named = {*causes} == {fault.effect}
+        named += is_named
+        print(number, "named" if is_named else "NOT NAMED", fault, found.verdict, causes, flush=True)
+    print(f"{named} of {count}")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
