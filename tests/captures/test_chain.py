@@ -99,11 +99,15 @@ WRONG: dict[str, tuple[Any, str]] = {
         "attribute chain",
     ),
     "a file that would be read": (
-        lambda h5: h5.attrs.__setitem__("chain", h5.attrs["chain"].replace('pattern = "random"', 'file = "/etc/passwd"')),
+        lambda h5: h5.attrs.__setitem__(
+            "chain", h5.attrs["chain"].replace('pattern = "random"', 'file = "/etc/passwd"')
+        ),
         "captures read no other files",
     ),
     "another shape": (
-        lambda h5: h5.attrs.__setitem__("chain", h5.attrs["chain"].replace("3,\n    4", "3,\n    3").replace("8,\n]", "9,\n]")),
+        lambda h5: h5.attrs.__setitem__(
+            "chain", h5.attrs["chain"].replace("3,\n    4", "3,\n    3").replace("8,\n]", "9,\n]")
+        ),
         "chain",
     ),
     "a level too high": (lambda h5: h5["elements/coarse/levels"].attrs.__setitem__("num_levels", 4), "elements/coarse"),
@@ -133,6 +137,8 @@ def test_what_a_capture_file_cannot_hold_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_shared_pattern_is_the_same_in_all_captures() -> None:
-    captures = blank_captures(_chain(PHASE, COARSE | {"shared": True}), AcquisitionSettings(3), np.random.default_rng(1))
+    captures = blank_captures(
+        _chain(PHASE, COARSE | {"shared": True}), AcquisitionSettings(3), np.random.default_rng(1)
+    )
     assert (captures.levels[:, 1] == captures.levels[0, 1]).all()
     assert (captures.levels[:, 0] != captures.levels[0, 0]).any()

@@ -1,9 +1,10 @@
 """Captures of chains with hidden faults by plain numpy, which shares no code with the predictor of captures.
 
-    python -m tests.diagnose.independent_chain 20       draws so many faults and tells which are named
+    python -m tests.diagnose.independent_chain 20 1     draws so many faults of a mask (0: of the amplitude modulator)
 
 Fields are sampled twice a pixel and padded to twice their width; free space is the exact transfer function of all waves
-that propagate. A misplaced element is drawn at its place: a sample is the mean over 32 × 32 places in it.
+that propagate. A misplaced element is drawn at its place, as means over the
+areas of samples. The camera has the light at the middle of its pixels.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Floats = NDArray[np.float64]
 
 UM, MM, NM = 1e-6, 1e-3, 1e-9
 PIXELS, PITCH_M, FINE = 32, 8 * UM, 2  # modulator pixels, and samples of the simulation for each
-PLACES = 32  # along each side of a sample
+PLACES = 16  # along each side of a sample
 STROKE_M, MASK_STROKE_M = 800 * NM, 500 * NM
 LASERS_M, PLANES_M = (532 * NM, 600 * NM), (3 * MM, 5 * MM)
 COARSE = 4  # pixels of the phase modulator for each of the amplitude modulator
@@ -116,12 +117,28 @@ def _seen(drive: Floats, second: Floats | None, λ: float, z: float, fault: Faul
         amplitude = second ** v.get("gamma", 1.0)
         leak = v.get("amplitude", 0.0) if effect == "leakage" else 0.0
         pixels, pitch = (amplitude + (1 - amplitude) * leak).astype(complex), FINE * COARSE
-    row, column = (np.floor(place / pitch).astype(int) for place in _own_places(len(fine), v))
-    n = len(pixels)
-    within = (row >= 0) & (row < n) & (column >= 0) & (column < n)
-    shown = np.where(within, pixels[np.clip(row, 0, n - 1), np.clip(column, 0, n - 1)], 0.0)
-    sampled = shown.reshape(len(fine), PLACES, len(fine), PLACES).mean(axis=(1, 3))
-    return _over_pixels(_through(light[inside, inside] * sampled, λ, z - shift_z, 0.03), inside)
+    sampled = _turned(pixels, pitch, len(fine), v) if v.get("rotation") else _shifted(pixels, pitch, len(fine), v)
+    return np.asarray(np.abs(_through(light[inside, inside] * sampled, λ, z - shift_z, 0.03)[inside, inside]) ** 2)
+
+
+def _shifted(pixels: NDArray[np.complex128], pitch: int, n: int, v: dict[str, float]) -> NDArray[np.complex128]:
+    """Means over the samples (n, n) of an element whose pixels, `pitch` samples wide, are shifted: by overlaps."""
+    sample_m, edges = PITCH_M / FINE, np.arange(n + 1.0)
+    matrices = []
+    for axis in "yx":
+        low = pitch * np.arange(len(pixels)) + v.get(f"shift_{axis}", 0.0) / sample_m
+        within = np.minimum(edges[1:, None], low + pitch) - np.maximum(edges[:-1, None], low)
+        matrices.append(np.maximum(within, 0.0))
+    return np.asarray(matrices[0] @ pixels @ matrices[1].T)
+
+
+def _turned(pixels: NDArray[np.complex128], pitch: int, n: int, v: dict[str, float]) -> NDArray[np.complex128]:
+    """Means over the samples (n, n) of a turned element: at `PLACES` squared places in each."""
+    row, column = (np.floor(place / pitch).astype(int) for place in _own_places(n, v))
+    last = len(pixels) - 1
+    within = (row >= 0) & (row <= last) & (column >= 0) & (column <= last)
+    shown = np.where(within, pixels[np.clip(row, 0, last), np.clip(column, 0, last)], 0.0)
+    return np.asarray(shown.reshape(n, PLACES, n, PLACES).mean(axis=(1, 3)))
 
 
 def _own_places(n: int, v: dict[str, float]) -> tuple[Floats, Floats]:
@@ -131,15 +148,6 @@ def _own_places(n: int, v: dict[str, float]) -> tuple[Floats, Floats]:
     y, x, turn = y - v.get("shift_y", 0.0), x - v.get("shift_x", 0.0), v.get("rotation", 0.0)
     own_y, own_x = np.cos(turn) * y - np.sin(turn) * x, np.sin(turn) * y + np.cos(turn) * x
     return own_y / sample_m + n / 2, own_x / sample_m + n / 2
-
-
-def _over_pixels(whole: NDArray[np.complex128], inside: slice) -> Floats:
-    """The mean intensity over camera pixels of a sample each, at four places along each side."""
-    k, spectrum, total = np.fft.fftfreq(len(whole)), np.fft.fft2(whole), np.zeros((2 * PIXELS, 2 * PIXELS))
-    for y, x in np.ndindex(4, 4):
-        turns = k[:, None] * (y - 1.5) / 4 + k[None, :] * (x - 1.5) / 4
-        total += np.abs(np.fft.ifft2(spectrum * np.exp(2j * np.pi * turns))[inside, inside]) ** 2 / 16
-    return total
 
 
 def _through(field: NDArray[np.complex128], λ: float, z: float, na: float) -> NDArray[np.complex128]:
@@ -157,7 +165,7 @@ def _measured(
     images: Floats, levels: Any, λs: Floats, zs: Floats, power: Floats, chain: System, rng: np.random.Generator
 ) -> Captures:
     """Counts of a camera with shot noise, read noise and 12 bits."""
-    camera = Camera(PITCH_M / 2, 12, 4.0, 3.0, 64.0, integrates=True)
+    camera = Camera(PITCH_M / 2, 12, 4.0, 3.0, 64.0, integrates=False)
     exposure = np.array([0.8 * (camera.saturation - 64) / np.quantile(image, 0.999) for image in images])
     scale = float(np.median(exposure)) / 0.02
     electrons = rng.poisson(images * exposure[:, None, None] * 4.0) + 3.0 * rng.standard_normal(images.shape)
@@ -167,14 +175,13 @@ def _measured(
     return Captures(levels, counts, λs, zs, power, exposure / scale, slms, camera, chain=chain)
 
 
-def main(count: int, seed: int = 0) -> None:
-    """Draws faults, diagnoses each, and prints whether it is named."""
+def main(count: int, is_mask: int = 0, seed: int = 0) -> None:
+    """Draws faults of the amplitude modulator or of the mask, diagnoses each, and prints whether it is named."""
     named = 0
     for number in range(count):
-        rng = np.random.default_rng(1000 * seed + number)
-        is_mask = bool(number % 2)
-        fault = draw_fault(rng, (OF_MASK if is_mask else OF_AMPLITUDE)[number // 2 % 4])
-        found = diagnose(captures_with(fault, is_mask, rng))
+        rng = np.random.default_rng([seed, is_mask, number])
+        fault = draw_fault(rng, (OF_MASK if is_mask else OF_AMPLITUDE)[number % 4])
+        found = diagnose(captures_with(fault, bool(is_mask), rng))
         causes = {cause.effect: {p: i.value for p, i in cause.intervals.items()} for cause in found.causes}
         is_named = {*causes} == {fault.effect}
         named += is_named

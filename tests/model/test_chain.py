@@ -90,7 +90,11 @@ CANNOT_BE: dict[str, tuple[tuple[Any, ...], dict[str, Any], tuple[str, ...]]] = 
         ("fourier with periodic propagation",),
     ),
     "planes from nobody": ((PHASE, AMPLITUDE), {"planes_from": "eye"}, ('planes_from: "eye"', "phase, amplitude")),
-    "effects": ((PHASE, AMPLITUDE), {"effects": {"undiffracted": {"share": 0.1}}}, ("effects.undiffracted", "element = ")),
+    "effects": (
+        (PHASE, AMPLITUDE),
+        {"effects": {"undiffracted": {"share": 0.1}}},
+        ("effects.undiffracted", "element = "),
+    ),
     "a mask of nothing": (({"kind": "mask", "pitch": 8 * UM},), {}, ("elements[0].file: is missing",)),
     "a random mask without a stroke": ((PHASE, MASK | {"stroke": None}), {}, ("elements[1].stroke: is missing",)),
     "a DC block over the iris": (

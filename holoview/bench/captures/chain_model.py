@@ -79,13 +79,14 @@ class _Stages(TorchPropagation):
         self, model: ChainModel, drive: dict[str, Tensor], component: IncoherentComponent, capture: int
     ) -> None:
         super().__init__(model.plan, _Inputs(model, drive, component), double=model.dtype == torch.complex128)
-        self._model, self._component, self.key = model, component, (capture,)
+        self._model, self._component = model, component
+        self.key: Key = (capture,)
 
     def illuminate(self, wavelength: int, source: int) -> TorchField:
         slopes = tuple(self.plan.slopes[source, wavelength].tolist())
         λ = float(self.plan.system.wavelengths_m[wavelength])
         source_key = self._model.effects.cache_key("transmission", acts_on="source")
-        self.key: Key = (*self.key, slopes, λ, self.plan.grid, source_key, self._component.path_factor)
+        self.key = (*self.key, slopes, λ, self.plan.grid, source_key, self._component.path_factor)
         return super().illuminate(wavelength, source)
 
     def modulate(self, field: TorchField, frame: int, modulator: int, wavelength: int) -> TorchField:
