@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
 from holoview.bench.diagnose.pipeline import diagnose
@@ -24,7 +26,7 @@ Floats = NDArray[np.float64]
 
 UM, MM, NM = 1e-6, 1e-3, 1e-9
 PIXELS, PITCH_M, FINE = 32, 8 * UM, 2  # modulator pixels, and samples of the simulation for each
-PLACES = 16  # along each side of a sample
+PLACES = 64  # along each side of a sample
 STROKE_M, MASK_STROKE_M = 800 * NM, 500 * NM
 LASERS_M, PLANES_M = (532 * NM, 600 * NM), (3 * MM, 5 * MM)
 COARSE = 4  # pixels of the phase modulator for each of the amplitude modulator
@@ -134,20 +136,23 @@ def _shifted(pixels: NDArray[np.complex128], pitch: int, n: int, v: dict[str, fl
 
 def _turned(pixels: NDArray[np.complex128], pitch: int, n: int, v: dict[str, float]) -> NDArray[np.complex128]:
     """Means over the samples (n, n) of a turned element: at `PLACES` squared places in each."""
-    row, column = (np.floor(place / pitch).astype(int) for place in _own_places(n, v))
-    last = len(pixels) - 1
-    within = (row >= 0) & (row <= last) & (column >= 0) & (column <= last)
-    shown = np.where(within, pixels[np.clip(row, 0, last), np.clip(column, 0, last)], 0.0)
-    return np.asarray(shown.reshape(n, PLACES, n, PLACES).mean(axis=(1, 3)))
+    return np.asarray((_shares(len(pixels), pitch, n, v["rotation"]) @ pixels.ravel()).reshape(n, n))
 
 
-def _own_places(n: int, v: dict[str, float]) -> tuple[Floats, Floats]:
-    """Where the places in the samples of the field are on an element out of its place, in samples from its corner."""
-    sample_m = PITCH_M / FINE
-    y, x = ((np.indices((n * PLACES, n * PLACES)) + 0.5) / PLACES - n / 2) * sample_m
-    y, x, turn = y - v.get("shift_y", 0.0), x - v.get("shift_x", 0.0), v.get("rotation", 0.0)
-    own_y, own_x = np.cos(turn) * y - np.sin(turn) * x, np.sin(turn) * y + np.cos(turn) * x
-    return own_y / sample_m + n / 2, own_x / sample_m + n / 2
+@lru_cache(maxsize=2)
+def _shares(count: int, pitch: int, n: int, rotation: float) -> sparse.csr_matrix:
+    """The share of each sample (rows) that each of count × count pixels (columns) of a turned element takes."""
+    total = sparse.csr_matrix((n * n, count * count))
+    x = ((np.arange(n * PLACES) + 0.5) / PLACES - n / 2)[None, :]
+    for line in range(n):
+        y = (line + (np.arange(PLACES)[:, None] + 0.5) / PLACES) - n / 2
+        row = np.floor((np.cos(rotation) * y - np.sin(rotation) * x + n / 2) / pitch).astype(int)
+        column = np.floor((np.sin(rotation) * y + np.cos(rotation) * x + n / 2) / pitch).astype(int)
+        within = (row >= 0) & (row < count) & (column >= 0) & (column < count)
+        sample = np.broadcast_to(line * n + np.arange(n * PLACES) // PLACES, row.shape)
+        found = (np.full(int(within.sum()), 1 / PLACES**2), (sample[within], (row * count + column)[within]))
+        total = total + sparse.csr_matrix(found, shape=total.shape)
+    return total
 
 
 def _through(field: NDArray[np.complex128], λ: float, z: float, na: float) -> NDArray[np.complex128]:
