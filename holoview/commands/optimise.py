@@ -6,6 +6,7 @@ With `--rig RIG.toml` the pictures of a rig's camera take the place of predicted
 from __future__ import annotations
 
 import argparse
+import io
 import math
 import re
 import time
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 
 from holoview.commands.arguments import (
@@ -57,6 +59,7 @@ from holoview.holograms.optimise.hologram_job import (
     RunOptions,
     optimise_hologram,
 )
+from holoview.holograms.optimise.learned_mask import ENOUGH_PICTURES, check_learnable, learn_mask
 from holoview.holograms.optimise.memory import require_optimisation_memory
 from holoview.holograms.optimise.named_methods import METHODS
 from holoview.holograms.optimise.parallel import (
@@ -80,6 +83,7 @@ from holoview.holograms.targets.picture import COLOUR_SPACES
 from holoview.holograms.targets.target import Placement, target_for
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.light.model.chain_numbers import flattered_by
+from holoview.light.model.elements import ElementsField, Mask, PhaseModulator
 from holoview.light.model.focus import parse_plane, plane_label, required_eye
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -88,7 +92,7 @@ from holoview.light.numerics.sampling import Region
 from holoview.light.numerics.structural_similarity import WEIGHTS
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.file_writer import make_folder
+from holoview.util.file_writer import make_folder, write_file
 from holoview.util.processes import Interruption
 
 if TYPE_CHECKING:
@@ -121,6 +125,8 @@ def run(args: argparse.Namespace) -> int:
     if args.rig is not None:
         return _run_on_rig(args)
     _require_no_rig_options(args)
+    if args.learn:
+        return _run_learning(args)
     if is_film:
         return _run_on_film(args)
     system = system_from_args(args)
@@ -200,6 +206,12 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         "holograms each begins with the last one",
     )
     group.add_argument("--film", action="store_true", help="the folder TARGET holds the pictures of a film")
+    group.add_argument(
+        "--learn",
+        metavar="NAME",
+        help="train the pattern of element NAME, of kind phase with shared = true, for all pictures of the folder "
+        "TARGET at once, and write it as a static mask: -o MASK.npy",
+    )
     group.add_argument(
         "--next-iterations",
         metavar="N",
@@ -524,6 +536,56 @@ def _film_job(args: argparse.Namespace) -> tuple[FilmJob, Film, Placement]:
     )
     make_folder(args.output)
     return job, film, Placement(at_m=_parse_length(args, "at"))
+
+
+# --- a static mask for many pictures ---
+
+
+def _run_learning(args: argparse.Namespace) -> int:
+    """Writes the mask, and prints the element that holds it. After Ctrl-C it writes the best so far."""
+    where = f"--learn {args.learn}"
+    given = [name for name in _NOT_OF_FILMS if getattr(args, name)]
+    if given or args.film or args.sharded or args.method != METHODS[0]:
+        flag = "film" if args.film else given[0] if given else "sharded" if args.sharded else "method"
+        raise UserError(f"--{flag}", f"with {where}", expected="a folder of pictures as the target, no such option")
+    if args.output is None:
+        raise UserError("-o", "is missing", expected="the mask to write, e.g. -o mask.npy")
+    check_suffix(args.output, ".npy")
+    check_files(args)
+    system = system_from_args(args)
+    check_learnable(system, args.learn)
+    if not Path(args.target).is_dir():
+        raise UserError(args.target, "isn't a folder", expected=f"a folder of pictures, for {where}")
+    placement, film = Placement(at_m=_parse_length(args, "at")), Film(Path(args.target), args.space)
+    stacks = [
+        target_for(system, picture, placement, args.brightness, saturation=args.saturation).stack
+        for picture in film.pictures()
+    ]
+    settings, device = _settings(args, system, PupilPlaces()), resolve_torch_device(args.device)
+    with deferred_interrupt() as interruption, progress_bar(f"learning {args.learn}") as progress:
+        for state in learn_mask(system, stacks, settings, args.learn, device=device):
+            progress(state.iteration, state.iterations, f"PSNR {state.psnr_db.mean():.2f} dB")
+            if interruption():
+                break
+    saver = ResultSaver()
+    content = io.BytesIO()
+    np.save(content, state.mask)
+    output = saver.save(args.output, lambda path: write_file(path, content.getvalue()))
+    element = dict(zip(system.element_names, system.elements, strict=True))[args.learn]
+    assert isinstance(element, PhaseModulator)
+    kept = {key: getattr(element, key) for key in ("name", "pitch_m", "shape", "offset_m", "stroke_m")}
+    mask = Mask(**kept, file=str(output))
+    psnr_db = {"mean": state.psnr_db.mean(), "least": state.psnr_db.min(), "greatest": state.psnr_db.max()}
+    if args.json:
+        found = {key: float(value) for key, value in psnr_db.items()}
+        print_json({"mask": str(output), "pictures": len(stacks), "iterations": state.iteration, "psnr_db": found})
+    else:
+        words = f"PSNR {psnr_db['mean']:.2f} dB in the mean ({psnr_db['least']:.2f} to {psnr_db['greatest']:.2f})"
+        print(f"{output}: a mask of {len(stacks)} pictures after {state.iteration} iterations, {words}; in a preset:\n")
+        print(tomli_w.dumps({"elements": ElementsField().to_toml((mask,))}).strip())
+    if len(stacks) < ENOUGH_PICTURES:
+        _note(f"{len(stacks)} pictures: a mask of fewer than {ENOUGH_PICTURES} suits these better than others")
+    return saver.exit_code or interruption.exit_code
 
 
 # --- on a rig ---

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, NoReturn
 
@@ -54,9 +54,9 @@ def iterate_chain(
     Raises UserError for what isn't known of chains: wavelengths that are free, places of the pupil, losses of encoded
     colours; and as `iterate` does.
     """
-    _check_known(settings, stack)
+    check_known(settings, stack)
     problem = ChainProblem(system, stack, settings, device)
-    patterns = _Patterns(system, settings, start)
+    patterns = ChainPatterns(system, settings, start)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
     make_best = None
     for iteration in range(settings.iterations + 1):
@@ -75,7 +75,8 @@ def iterate_chain(
             kept = {name: drive.detach().clone() for name, drive in shown.items()}
             make_best = _maker(system, kept, amplitudes.copy())
         if not is_last and "patterns" in settings.free:
-            patterns.step(loss, sqrt_decay(iteration, settings.iterations))
+            gradients = torch.autograd.grad(loss, patterns.variables)
+            patterns.step(gradients, sqrt_decay(iteration, settings.iterations))
         assert make_best is not None
         yield IterationState(
             iteration=iteration,
@@ -102,7 +103,7 @@ def _maker(system: System, drives: dict[str, Tensor], amplitudes: Floats) -> Any
     return cache(lambda: Hologram(arrays, system.edit({"amplitudes": amplitudes})))
 
 
-def _check_known(settings: Settings, stack: Any) -> None:
+def check_known(settings: Settings, stack: Any) -> None:
     """Raises UserError for settings and targets that chains don't have."""
     loss = None if settings.loss is None else find_loss_space(settings.loss)
     unknown = {
@@ -285,12 +286,16 @@ def _variation(blocks: Tensor) -> Tensor:
     return blocks.std(correction=0) / blocks.mean().clamp_min(torch.finfo(blocks.dtype).tiny)
 
 
-class _Patterns:
-    """The variables of a chain's patterns: real ones, or real and imaginary part (…, 2) of complex ones."""
+class ChainPatterns:
+    """The variables of a chain's patterns: real ones, or real and imaginary part (…, 2) of complex ones.
 
-    def __init__(self, system: System, settings: Settings, start: Any) -> None:
+    start: patterns by the names of all elements, or as a list; None: as `Settings.begin` and `Settings.seed` say.
+    names: of the elements whose patterns these are; all when None.
+    """
+
+    def __init__(self, system: System, settings: Settings, start: Any, names: Sequence[str] | None = None) -> None:
         named = dict(zip(system.element_names, system.elements, strict=True))
-        self._elements = {name: named[name] for name in system.drive_shapes}
+        self._elements = {name: named[name] for name in (system.drive_shapes if names is None else names)}
         given = None if start is None else chain_drives(system, start)
         random = np.random.default_rng(settings.seed)
         middle_m = float(np.median(system.wavelengths_m))
@@ -314,11 +319,14 @@ class _Patterns:
             drives[name] = torch.view_as_complex(variable) if is_complex else variable
         return drives
 
-    def step(self, loss: Tensor, decay: float) -> None:
-        """Moves all patterns against the gradient of a loss, inside their ranges."""
-        names = list(self._variables)
-        gradients = torch.autograd.grad(loss, [self._variables[name] for name in names])
-        for name, gradient in zip(names, gradients, strict=True):
+    @property
+    def variables(self) -> list[Tensor]:
+        """The variables, in the order of the elements."""
+        return list(self._variables.values())
+
+    def step(self, gradients: Sequence[Tensor], decay: float) -> None:
+        """Moves all patterns against the gradients of the `variables`, inside their ranges."""
+        for name, gradient in zip(list(self._variables), gradients, strict=True):
             moved = self._variables[name].detach() - decay * self._steps[name] * self._adams[name].unit_step(gradient)
             if isinstance(self._elements[name], ComplexModulator):
                 size = torch.linalg.vector_norm(moved, dim=-1, keepdim=True)

@@ -1,0 +1,120 @@
+"""A static element that is trained for a whole set of pictures at once, and then held.
+
+A mask can't change with the picture, so that a pattern sought for one picture tells nothing about the next. Here each
+picture has patterns and laser amplitudes of its own, and all share one pattern: the loss is the mean of the pictures'.
+
+    L = 1/N · Σ_i L_i(own patterns of picture i, the shared pattern)
+
+The gradient of the shared pattern sums over the pictures, one after the other, so that memory doesn't grow with their
+number. The method is that of learned masks for étendue expansion (Tseng et al., Nature Communications 15, 2907, 2024).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.holograms.optimise.adam import sqrt_decay
+from holoview.holograms.optimise.chain_loop import ChainPatterns, ChainProblem, check_known
+from holoview.holograms.optimise.objective import Objective, make_objective
+from holoview.holograms.optimise.settings import Settings
+from holoview.light.model.elements import PhaseModulator
+from holoview.light.model.system import System
+from holoview.util.errors import UserError, suggest_matches
+
+ENOUGH_PICTURES = 24
+"""A mask of fewer is learned by heart: it loses on other pictures what it gains on these."""
+
+
+@dataclass(frozen=True)
+class MaskState:
+    """Training after an iteration. psnr_db (picture,): of linear sRGB, mean over planes. mask (y, x): 0…1.
+
+    The mask has the smallest loss so far; the PSNR is that of the iteration.
+    """
+
+    iteration: int
+    iterations: int
+    loss: float
+    psnr_db: NDArray[np.float64]
+    mask: NDArray[np.float32]
+
+
+@dataclass
+class _Scene:
+    """A picture's target, its own patterns, and the amplitudes (frame, wavelength) that suit them."""
+
+    objective: Objective
+    patterns: ChainPatterns
+    amplitudes: NDArray[np.float64]
+
+
+def check_learnable(system: System, name: str) -> None:
+    """Raises UserError unless the element of this name is a phase modulator that all frames share, beside another."""
+    named = dict(zip(system.element_names, system.elements, strict=True)) if system.is_chain else {}
+    element = named.get(name)
+    if not isinstance(element, PhaseModulator) or not element.shared:
+        found, remedy = "a bench without elements", "write the bench as elements, and the mask as one of them"
+        if named:
+            found = "no element" if element is None else f"of kind {element.kind}"
+            remedy = suggest_matches(name, named) if element is None else "set shared = true"
+        if isinstance(element, PhaseModulator):
+            found += ", with shared = false"
+        expected = "the name of an element of kind phase with shared = true"
+        raise UserError(f'mask "{name}"', found, expected=expected, remedy=remedy)
+    if list(system.drive_shapes) == [name]:
+        raise UserError(f'mask "{name}"', "is the only pattern", expected="a modulator that shows the pictures")
+
+
+def learn_mask(
+    system: System, stacks: Sequence[NDArray[np.float32]], settings: Settings, name: str, *, device: str = "cpu"
+) -> Iterator[MaskState]:
+    """The states of the training of element `name` for focal stacks (plane, y, x, 3) of several pictures.
+
+    Raises UserError for an element that can't be trained (`check_learnable`), without pictures, for settings that
+    chains don't have, and as `iterate` does.
+    """
+    check_learnable(system, name)
+    if not stacks:
+        raise UserError("pictures", "none", expected="one at least")
+    check_known(settings, stacks[0])
+    problem = ChainProblem(system, stacks[0], settings, device)
+    own = [other for other in system.drive_shapes if other != name]
+    mask = ChainPatterns(system, settings, None, [name])
+    scenes = [
+        _Scene(
+            make_objective(problem.plan, stack, settings, device=device, double=False),
+            ChainPatterns(system, settings, None, own),
+            np.array(system.amplitudes),
+        )
+        for stack in stacks
+    ]
+    best_loss, best = np.inf, mask.variables[0].detach()
+    for iteration in range(settings.iterations + 1):
+        is_last = iteration == settings.iterations
+        solves = "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last)
+        decay, total, psnr_db = sqrt_decay(iteration, settings.iterations), 0.0, []
+        pull = torch.zeros_like(mask.variables[0])
+        before = mask.variables[0].detach().clone()
+        for scene in scenes:
+            problem.objective = scene.objective
+            found = problem.evaluate(scene.patterns.shown() | mask.shown(), scene.amplitudes)
+            if solves:
+                scene.amplitudes = problem.solved_amplitudes(found.intensity)
+            loss, image = problem.loss(found, scene.amplitudes)
+            total += float(loss.detach()) / len(scenes)
+            psnr_db.append(problem.psnr_db(image))
+            if not is_last:
+                *gradients, shared = torch.autograd.grad(loss, [*scene.patterns.variables, *mask.variables])
+                scene.patterns.step(gradients, decay)
+                pull += shared / len(scenes)
+        if total < best_loss:
+            best_loss, best = total, before
+        if not is_last:
+            mask.step([pull], decay)
+        values = best[0].cpu().numpy().astype(np.float32)
+        yield MaskState(iteration, settings.iterations, total, np.array(psnr_db), values)
