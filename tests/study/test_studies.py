@@ -17,7 +17,7 @@ from holoview.evidence.study import study
 from holoview.evidence.study.hologram_study import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
 from holoview.evidence.study.report import format_claims, write_report
 from holoview.evidence.study.runner import ResultStore, run_jobs
-from holoview.evidence.study.studies import contrast_ratio, eye, model_vs_capture, pupil, studies_by_name
+from holoview.evidence.study.studies import chains, contrast_ratio, eye, model_vs_capture, pupil, studies_by_name
 from holoview.evidence.study.study import Findings
 from holoview.light.model.effects import registry as effects
 from holoview.util.files import data_dir
@@ -30,6 +30,7 @@ CHI2_TOLERANCE = 0.18
 LONG_GAP = "gap 0.1 mm long"
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 PICTURED = {
+    "coarse-amplitude",
     "schemes",
     "wavelength-count",
     "multisource",
@@ -42,6 +43,7 @@ PICTURED = {
     "model-vs-capture",
     "observers",
     "pupil",
+    "static-mask",
 }
 
 
@@ -96,6 +98,7 @@ def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(eye, "_SCHEMES", {name: eye._SCHEMES[name] for name in ("simultaneous", "holochrome-8")})
     monkeypatch.setattr(eye, "_PUPILS_MM", (eye._PUPIL_MM,))
     monkeypatch.setattr(eye, "_SPACINGS_NM", eye._SPACINGS_NM[::4])
+    monkeypatch.setattr(chains, "TARGETS", ("still-life", "night"))
     monkeypatch.setattr(contrast_ratio, "_SCENES", ("still-life", "night"))
     monkeypatch.setattr(pupil, "_PLACES_MM", pupil._PLACES_MM[:3])
 

@@ -1,0 +1,260 @@
+"""Displays beside HoloChrome's: a static mask in place of its second modulator, and an amplitude modulator behind it.
+
+All displays of these studies are optimised by the loop of chains, so that they differ in their elements alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.evidence.study.charts import bar_chart, bar_panels
+from holoview.evidence.study.hologram_study import (
+    QUICK_SIZE,
+    SHOWN,
+    HologramStudy,
+    case_jobs,
+    hologram_metrics,
+    job_target,
+    mean_by_case,
+    mean_number,
+    optimise_job,
+    paired_gains,
+    psnr_plot,
+    result_pictures,
+    result_table,
+    target_picture,
+)
+from holoview.evidence.study.study import (
+    QUICK,
+    TARGETS,
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    StudyFigure,
+    StudyJob,
+    StudyScale,
+)
+from holoview.holograms.optimise.learned_mask import ENOUGH_PICTURES, learn_mask
+from holoview.holograms.optimise.parallel import resolve_torch_device
+from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.targets.picture import Picture, read_picture
+from holoview.holograms.targets.target import target_for
+from holoview.holograms.view import simulate
+from holoview.light.colour import to_srgb8
+from holoview.light.model import preset
+from holoview.light.model.system import System
+
+_LASERS = {3: "simultaneous", 8: "holochrome-8", 16: "holochrome-16"}
+_RANGE_M = (9e-3, 11e-3)
+_PITCH_M, _STROKE_M, _GAP_M = 8e-6, 825e-9, 2e-3
+_COARSE = 8  # pixels of the phase modulators along a side of one of the amplitude modulator
+_EYEBOX = 0.03
+_SEED_OF_MASK = 1
+
+ONE, TWO, RANDOM, LEARNED, COARSE = (
+    "one modulator",
+    "two modulators",
+    "random mask",
+    "learned mask",
+    "two and amplitude",
+)
+
+
+def chain_of(display: str, lasers: int, shape: tuple[int, int], planes: int, mask: Path | None = None) -> System:
+    """A display of `lasers` wavelengths; mask: the file of a learned one (values 0…1 of the stroke).
+
+    The patterns of phase modulators are shared by the only frame, which changes nothing but the optimiser: it is the
+    one of chains for all displays.
+    """
+    pixels = {"pitch": _PITCH_M, "shape": list(shape), "stroke": _STROKE_M}
+    phase = pixels | {"kind": "phase", "shared": True}
+    gap = {"kind": "space", "distance": _GAP_M, "square": "first order of slm"}
+    second = {
+        TWO: phase | {"name": "second"},
+        COARSE: phase | {"name": "second"},
+        RANDOM: pixels | {"kind": "mask", "name": "second", "pattern": "random", "seed": _SEED_OF_MASK},
+        LEARNED: pixels | {"kind": "mask", "name": "second", "file": str(mask)},
+    }
+    elements: list[Any] = [phase | {"name": "slm"}]
+    if display in second:
+        elements += [gap, second[display]]
+    if display == COARSE:
+        coarse = [-(-n // _COARSE) for n in shape]
+        amplitude = {"kind": "amplitude", "name": "coarse", "pitch": _COARSE * _PITCH_M, "shape": coarse}
+        elements += [gap, amplitude | {"shared": True}]
+    elements.append({"kind": "space", "square": "first order of slm"})
+    base, edits = preset.load(_LASERS[lasers]), {"propagation": "periodic"}
+    if display == COARSE:
+        edits["planes_from"] = "second"  # the picture stays where it is without the amplitude modulator
+    planes_m = np.linspace(*_RANGE_M, planes) if planes > 1 else np.array([sum(_RANGE_M) / 2])
+    system = System(
+        base.wavelengths_m, base.amplitudes, elements=tuple(elements), planes_m=planes_m, observer=base.observer
+    )
+    return system.edit(edits)
+
+
+def training_stacks(system: System, count: int, leave_out: str) -> list[NDArray[np.float32]]:
+    """Focal stacks of `count` flat pictures that aren't the target `leave_out`.
+
+    They are made of the other pictures that are part of holoview, by mirroring and by cutting out a half.
+    """
+    others, stacks = [name for name in TARGETS if name != leave_out], []
+    for number in range(count):
+        way, which = divmod(number, len(others))
+        light = read_picture(target_picture(others[which])).rgb
+        rows, columns = (n // 2 for n in light.shape[:2])
+        cut = light[::-1, ::-1] if way & 1 else light
+        if way >= 2:
+            row, column = ((way - 2) // 2 % 2) * rows, ((way - 2) // 4 % 2) * columns
+            cut = cut[row : row + rows, column : column + columns]
+        stacks.append(target_for(system, Picture(np.ascontiguousarray(cut), others[which])).stack)
+    return stacks
+
+
+class _StaticMask(HologramStudy):
+    name = "static-mask"
+    title = "A static mask in place of HoloChrome's second modulator"
+    summary = (
+        "The second modulator's gain, and how much of it a static phase mask keeps in its place: a random one, and one "
+        "learned from pictures that don't contain the target."
+    )
+    quick_note = f"{QUICK_SIZE}, 3 and 8 wavelengths, and a mask learned from four pictures."
+    kind = "static-mask"
+    revision = 1
+    displays: tuple[str, ...] = (ONE, TWO, RANDOM, LEARNED)
+    lasers: tuple[int, ...] = (3, 8, 16)
+
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        is_quick = scale.shape[0] <= QUICK.shape[0]
+        pictures = {"pictures": 4 if is_quick else ENOUGH_PICTURES}
+        cases = {
+            _label(lasers, display): {
+                "scheme": _label(lasers, display),
+                "lasers": lasers,
+                "display": display,
+                "eyebox": scale.eyebox or _EYEBOX,
+                **(pictures if display == LEARNED else {}),
+            }
+            for lasers in self.lasers
+            for display in self.displays
+            if not (is_quick and lasers > 8)
+        }
+        return case_jobs(self, cases, scale, seed)
+
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        shape, planes = tuple(settings["shape"]), settings["planes"]
+        with tempfile.TemporaryDirectory() as folder:
+            mask = Path(folder) / "mask.npy"
+            if settings["display"] == LEARNED:
+                np.save(mask, _learned(settings, status))
+            system = chain_of(settings["display"], settings["lasers"], shape, planes, mask)
+            target = job_target(system, settings, system.planes_m)
+            state = optimise_job(system, target, settings, status)
+            hologram = state.best
+            view = simulate(hologram.system, hologram.drive, backend="torch")
+            numbers = hologram_metrics(hologram, view, target) | {"light": state.light, "seconds": state.seconds}
+        middle = planes // 2
+        pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(target[middle]))}
+        return JobResult(numbers, pictures)
+
+    def analyse(self, results: Results) -> Findings:
+        counts = sorted({job.settings["lasers"] for job, _ in results})
+        cases = [{"lasers": lasers, "display": display} for lasers in counts for display in self.displays]
+        labels = [_label(case["lasers"], case["display"]) for case in cases]
+        others = mean_by_case(results, ("speckle_contrast", "eyebox_variation"), cases)
+        return Findings(
+            rows=result_table(results, "lasers", "display"),
+            claims=[claim for lasers in counts for claim in self.claims(results, lasers)],
+            plots=[
+                psnr_plot(_with_between(results), labels, cases),
+                StudyFigure("others", "Speckle and eyebox; small is good", bar_panels(labels, others)),
+                StudyFigure("light", "Share of the lasers' light in the picture", _light_chart(results, labels, cases)),
+            ],
+            pictures=result_pictures(results),
+        )
+
+    def claims(self, results: Results, lasers: int) -> list[Claim]:
+        """The second modulator's gain, and the share of it that each mask keeps."""
+        gains = {
+            display: paired_gains(results, _case(lasers, display), _case(lasers, ONE), "psnr_db")
+            for display in self.displays
+            if display != ONE
+        }
+        whole = float(gains[TWO].mean())
+        out = [Claim(f"{lasers} λ: the second modulator's gain", "", _gain_words(results, lasers, TWO, gains), SHOWN)]
+        for display in (RANDOM, LEARNED):
+            kept = float(gains[display].mean()) / whole if whole > 0 else float("nan")
+            share = f"{kept:.0%} of it" if whole > _LEAST_GAIN_DB else "no share: there is too little to keep"
+            words = f"{_gain_words(results, lasers, display, gains)}: {share}"
+            out.append(Claim(f"{lasers} λ: a {display} in its place", "", words, SHOWN))
+        return out
+
+
+class _CoarseAmplitude(_StaticMask):
+    name = "coarse-amplitude"
+    title = "A coarse amplitude modulator behind HoloChrome"
+    summary = (
+        f"An amplitude modulator of {_COARSE} times coarser pixels, 2 mm behind the second modulator: what it gains, "
+        "and the light that it takes away."
+    )
+    quick_note = f"{QUICK_SIZE}."
+    kind = "coarse-amplitude"
+    displays = (ONE, TWO, COARSE)
+    lasers = (8,)
+
+    def claims(self, results: Results, lasers: int) -> list[Claim]:
+        gains = {COARSE: paired_gains(results, _case(lasers, COARSE), _case(lasers, TWO), "psnr_db")}
+        light = {display: mean_number(results, "light", **_case(lasers, display)) for display in (TWO, COARSE)}
+        words = f"{_gain_words(results, lasers, COARSE, gains)}; light {light[TWO]:.0%} → {light[COARSE]:.0%}"
+        return [Claim(f"{lasers} λ: an amplitude modulator behind the second modulator", "", words, SHOWN)]
+
+
+_LEAST_GAIN_DB = 0.2
+"""A second modulator's gain below which its parts are lost in the scatter of seeds."""
+
+
+def _learned(settings: Mapping[str, Any], status: StatusCallback) -> NDArray[np.float32]:
+    """The mask that is learned from pictures without the target."""
+    shape, planes = tuple(settings["shape"]), settings["planes"]
+    system = chain_of(TWO, settings["lasers"], shape, planes)
+    stacks = training_stacks(system, settings["pictures"], settings["target"])
+    options = Settings(iterations=settings["iterations"], seed=settings["seed"], eyebox=settings["eyebox"])
+    for state in learn_mask(system, stacks, options, "second", device=resolve_torch_device()):
+        status(f"mask {state.iteration}/{state.iterations}, {state.psnr_db.mean():.1f} dB")
+    return state.mask
+
+
+def _label(lasers: int, display: str) -> str:
+    return f"{lasers} λ, {display}"
+
+
+def _case(lasers: int, display: str) -> dict[str, Any]:
+    return {"lasers": lasers, "display": display}
+
+
+def _gain_words(results: Results, lasers: int, display: str, gains: Mapping[str, NDArray[np.float64]]) -> str:
+    values = gains[display]
+    spread = f" (spread {np.ptp(values):.2f})" if len(values) > 1 else ""
+    eyebox = mean_number(results, "eyebox_variation", **_case(lasers, display))
+    return f"{values.mean():+.2f} dB{spread}, eyebox variation {eyebox:.2f}"
+
+
+def _with_between(results: Results) -> Results:
+    """Results with the number that these studies don't measure."""
+    return [(job, JobResult(result.numbers | {"between_db": float("nan")})) for job, result in results]
+
+
+def _light_chart(results: Results, labels: list[str], cases: list[dict[str, Any]]) -> Any:
+    light = {"light in the picture": [mean_number(results, "light", **case) for case in cases]}
+    return bar_chart(labels, light, "share of the lasers' light")
+
+
+STUDIES = (_StaticMask(), _CoarseAmplitude())
