@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from holoview.holograms.fields.exchange import push
     from holoview.holograms.hologram import Hologram, load_hologram
     from holoview.holograms.load_field import load_field
+    from holoview.holograms.optimise.learned_mask import learn_mask
     from holoview.holograms.optimise.settings import Settings
     from holoview.holograms.optimise.solve import iterate
     from holoview.holograms.targets.target import Placement, target_for
@@ -70,6 +71,7 @@ _MODULES = {
     "export_html": "holoview.viewer.page.page",
     "field_at": "holoview.holograms.view",
     "iterate": "holoview.holograms.optimise.solve",
+    "learn_mask": "holoview.holograms.optimise.learned_mask",
     "load": "holoview.light.model.preset",
     "load_field": "holoview.holograms.load_field",
     "load_hologram": "holoview.holograms.hologram",
@@ -107,6 +109,7 @@ __all__ = [
     "export_html",
     "field_at",
     "iterate",
+    "learn_mask",
     "load",
     "load_field",
     "load_hologram",

@@ -75,6 +75,8 @@ def learn_mask(
 ) -> Iterator[MaskState]:
     """The states of the training of element `name` for focal stacks (plane, y, x, 3) of several pictures.
 
+    A pattern of its own belongs to each picture; that of the element is common to all.
+
     Raises UserError for an element that can't be trained (`check_learnable`), without pictures, for settings that
     chains don't have, and as `iterate` does.
     """

@@ -25,7 +25,6 @@ from holoview.evidence.study.hologram_study import (
     mean_number,
     optimise_job,
     paired_gains,
-    psnr_plot,
     result_pictures,
     result_table,
     target_picture,
@@ -174,7 +173,9 @@ class _StaticMask(HologramStudy):
             rows=result_table(results, "lasers", "display"),
             claims=[claim for lasers in counts for claim in self.claims(results, lasers)],
             plots=[
-                psnr_plot(_with_between(results), labels, cases),
+                StudyFigure(
+                    "psnr", "PSNR of linear sRGB, mean over targets and seeds", _psnr_chart(results, labels, cases)
+                ),
                 StudyFigure("others", "Speckle and eyebox; small is good", bar_panels(labels, others)),
                 StudyFigure("light", "Share of the lasers' light in the picture", _light_chart(results, labels, cases)),
             ],
@@ -247,9 +248,8 @@ def _gain_words(results: Results, lasers: int, display: str, gains: Mapping[str,
     return f"{values.mean():+.2f} dB{spread}, eyebox variation {eyebox:.2f}"
 
 
-def _with_between(results: Results) -> Results:
-    """Results with the number that these studies don't measure."""
-    return [(job, JobResult(result.numbers | {"between_db": float("nan")})) for job, result in results]
+def _psnr_chart(results: Results, labels: list[str], cases: list[dict[str, Any]]) -> Any:
+    return bar_chart(labels, mean_by_case(results, ("psnr_db",), cases), "PSNR (dB)")
 
 
 def _light_chart(results: Results, labels: list[str], cases: list[dict[str, Any]]) -> Any:
