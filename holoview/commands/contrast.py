@@ -279,6 +279,8 @@ def _as_json(measured: _Measured) -> dict[str, Any]:
 def _scatter(args: argparse.Namespace, found: SpeckleMeasurement) -> Callable[[Figure], None]:
     """A function that draws the scatter of colours; only called where one is asked for."""
     if args.scatter is not None and found.colour is None:
+        if found.independent_colour is not None:
+            raise UserError("--scatter", "colours that scatter by the camera's noise alone", expected="more light")
         raise UserError("--scatter", "an image without colours", expected="a hologram, or a photograph in colour")
     return scatter_figure(found)
 

@@ -192,9 +192,11 @@ def colour_line(colour: ColourSpeckle) -> str:
     """Colour speckle in a line."""
     (uu, uv), (_, vv) = colour.covariance_uv
     error = "" if colour.area_error is None else f" +- {colour.area_error:.1e}"
+    off = f"; noise taken off, {colour.noise_share:.0%} of the variance" if colour.noise_share > 0 else ""
     return (
         f"mean u'v' ({colour.mean_uv[0]:.4f}, {colour.mean_uv[1]:.4f}), covariance ({uu:.2e}, {uv:.2e}; {vv:.2e}), "
         f"95 % ellipse {colour.area:.2e}{error}; r.m.s. {colour.jzazbz_scatter:.4f} in Jzazbz"
+        f"{off}"
     )
 
 

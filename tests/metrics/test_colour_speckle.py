@@ -15,7 +15,9 @@ from holoview.holograms.metrics.colour_speckle import (
     jzazbz,
     uv_prime,
 )
-from holoview.light.colour import D65_WHITE, import_colour_science, observer_weights
+from holoview.holograms.metrics.grains import PixelNoise
+from holoview.holograms.metrics.speckle_measurement import LaserImages, SpeckleMeasurement, measure_speckle
+from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, import_colour_science, observer_weights
 
 LASERS_NM = (450.0, 532.0, 638.0)
 
@@ -83,3 +85,52 @@ def test_jzazbz_is_that_of_colour_science() -> None:
     colour = import_colour_science()
     xyz = np.random.default_rng(2).uniform(0.01, 100, (50, 3)) * D65_WHITE
     assert np.allclose(jzazbz(xyz), colour.XYZ_to_Jzazbz(xyz), rtol=1e-7, atol=1e-9)
+
+
+def _colour_camera(light: np.ndarray, noise: PixelNoise | None = None) -> SpeckleMeasurement:
+    """What is measured of counts (channel, y, x) of a camera whose channels are those of sRGB."""
+    names = ("red", "green", "blue")
+    channels = LaserImages(names, names, SRGB_TO_XYZ.T, light, noise=noise)
+    return measure_speckle(np.tensordot(SRGB_TO_XYZ[1], light, axes=1), (0, 0, *light.shape[:0:-1]), None, channels)
+
+
+def _electrons(light: np.ndarray, noise: PixelNoise, rng: np.random.Generator) -> np.ndarray:
+    """Counts of a camera of this gain and read noise: Poisson's law and a normal one."""
+    gain = noise.electrons_per_count
+    assert gain is not None
+    return rng.poisson(light * gain) / gain + rng.normal(0, noise.read_noise_counts, light.shape)
+
+
+@pytest.mark.parametrize(("shape", "counts"), [(16.0, 400.0), (4.0, 400.0), (64.0, 200.0)])
+def test_a_camera_s_noise_is_no_colour_speckle(shape: float, counts: float) -> None:
+    """Each of 24 drawn pictures beside the same light without noise, whose scatter numpy tells.
+
+    The mean of the differences is zero within 5 of its own standard errors, and within what the third order in
+    noise over light leaves: (σ/s)² of what the noise adds, at the mean light of the darkest channel.
+    """
+    noise, rng, side = PixelNoise(1.0, 3.0), np.random.default_rng(5), 64
+    differences, areas = [], []
+    for _ in range(24):
+        light = counts * np.array([0.5, 1.0, 0.6])[:, None, None] * rng.gamma(shape, 1 / shape, (3, side, side))
+        true = np.cov(uv_prime(light.reshape(3, -1).T @ SRGB_TO_XYZ.T).T, bias=True)
+        found = _colour_camera(_electrons(light, noise, rng), noise).colour
+        assert found is not None and found.area_error is not None and found.noise_share > 0.01
+        scale = np.sqrt(np.outer(np.diag(true), np.diag(true)))
+        differences.append((found.covariance_uv - true) / scale)
+        areas.append(found.area / ellipse_area(true) - 1)
+        assert abs(areas[-1]) < 5 * found.area_error / found.area
+    raw = _colour_camera(_electrons(light, noise, rng)).colour
+    assert raw is not None
+    darkest, added = 0.5 * counts, raw.area / ellipse_area(true) - 1
+    third_order = added * (darkest + 9) / darkest**2
+    for values in (np.array(differences), np.array(areas)):
+        errors = values.std(axis=0, ddof=1) / np.sqrt(len(values))
+        assert np.all(np.abs(values.mean(axis=0)) < 5 * errors + third_order)
+    assert added > 0.015  # with the noise, at least 3 times what is allowed
+
+
+def test_noise_that_hides_the_colour_speckle_is_said() -> None:
+    rng, noise = np.random.default_rng(6), PixelNoise(1.0, 3.0)
+    found = _colour_camera(_electrons(np.full((3, 64, 64), 200.0), noise, rng), noise)
+    assert found.colour is None
+    assert any("the camera's noise hides the colour speckle" in note for note in found.notes)

@@ -5,11 +5,18 @@ ellipse that holds 95 % of a normal law of that covariance. (a) From the contras
 and taken as independent; (b) from the light of all lasers together. Lasers that share the patterns of a modulator
 aren't independent, so that (a) and (b) differ. Chromaticity stretches where light is short; Jzazbz
 (Safdar, Cui, Kim & Luo, Opt. Express 25, 15131 (2017)) is nearly uniform, and has lightness too.
+
+A camera's noise scatters colours as well. It is independent from pixel to pixel and from channel to channel, so that its
+covariance adds to that of the speckle. With the standard deviation σ_l of the noise of channel l in a pixel, the change
+Δ_l = (f(s + σ_l) − f(s − σ_l))/2 of its colour f gives the mean of Σ_l Δ_l·Δ_lᵀ over the pixels, which is taken off, and
+the curvature Σ_l (f(s + σ_l) + f(s − σ_l) − 2f(s))/2 is taken off the mean. Both are exact to the second order in σ/s:
+pixels whose light isn't five times its noise have no colour, and don't count.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +37,9 @@ DRAWN = 100_000
 DRAW_SEED = 62906
 """Seed of the colours that are drawn."""
 
+_WHOLE = np.array([1.0, 15.0, 3.0])  # X + 15Y + 3Z, by which chromaticity divides
+_LEAST_SIGMAS = 5.0  # of its noise, in the light of a pixel whose colour counts
+
 
 @dataclass(frozen=True, eq=False)
 class ColourSpeckle:
@@ -37,7 +47,9 @@ class ColourSpeckle:
 
     mean_uv: (2,) mean u′ and v′. covariance_uv: (2, 2). area: of the 95 % ellipse. area_error: its standard error; None
     where the number of grains isn't known. mean_jzazbz, covariance_jzazbz: (3,) and (3, 3), white being 100 cd/m².
-    uv, jzazbz: (n, 2) and (n, 3), the scatter itself.
+    uv, jzazbz: (n, 2) and (n, 3), the scatter itself, with a camera's noise. noise_share: the trace of the covariance
+    of u′v′ that was that noise, over the whole; it is in none of the other numbers. too_dark: share of the pixels that
+    are too dark for a colour.
     """
 
     mean_uv: Floats
@@ -48,6 +60,13 @@ class ColourSpeckle:
     covariance_jzazbz: Floats
     uv: Floats = field(repr=False)
     jzazbz: Floats = field(repr=False)
+    noise_share: float = 0.0
+    too_dark: float = 0.0
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether noise was taken off and what is left may be nothing, by two standard errors of the area."""
+        return self.noise_share > 0 and self.area <= 2 * (self.area_error or 0.0)
 
     @property
     def jzazbz_scatter(self) -> float:
@@ -67,35 +86,72 @@ class ColourSpeckle:
         }
 
 
-def colour_speckle(xyz: ArrayLike, grains: float | None = None) -> ColourSpeckle | None:
+def colour_speckle(
+    xyz: ArrayLike, grains: float | None = None, noise: ArrayLike | None = None, gain_error: float = 0.0
+) -> ColourSpeckle | None:
     """The scatter of colours XYZ (n, 3), Y = 1 for white; None where fewer than two samples have light.
 
-    grains: independent ones among the samples. Of n of a normal law, the root of the determinant of the covariance, and
-    with it the area, has a relative standard error of 1/√n.
+    grains: independent ones among the samples. noise: (channel, n, 3) change of XYZ by one standard deviation of the
+    noise of each channel of a camera, whose scatter is taken off. gain_error: relative, of the noise's variance.
+
+    Of n grains of a normal law with the covariance S = A + N, N being that of the noise, the area, which goes with the
+    root of det A, has the relative standard error √(tr((A⁻¹S)²)/2n) (the law of Wishart), 1/√n without noise; the
+    error of a gain adds gain_error·tr(A⁻¹N)/2.
     """
     samples = np.asarray(xyz, dtype=np.float64).reshape(-1, 3)
-    samples = samples[samples @ np.array([1.0, 15.0, 3.0]) > 0]
-    if len(samples) < 2:
+    changes = np.zeros((0, *samples.shape)) if noise is None else np.asarray(noise, dtype=np.float64)
+    dark = _LEAST_SIGMAS * np.linalg.norm(changes @ _WHOLE, axis=0)
+    lit = samples @ _WHOLE > dark
+    if lit.sum() < 2:
         return None
-    uv, uniform = uv_prime(samples), jzazbz(WHITE_CD_M2 * samples)
-    covariance = np.atleast_2d(np.cov(uv.T, bias=True))
-    area = ellipse_area(covariance)
+    samples, changes = samples[lit], changes[:, lit]
+    uv, uv_bias, uv_noise = _with_noise(uv_prime, samples, changes)
+    uniform, bias, of_noise = _with_noise(lambda values: jzazbz(WHITE_CD_M2 * values), samples, changes)
+    measured = np.atleast_2d(np.cov(uv.T, bias=True))
+    covariance = measured - uv_noise
+    is_left = bool(np.linalg.eigvalsh(covariance)[0] > 0)
+    area, error = ellipse_area(covariance) if is_left else 0.0, None
+    if grains is not None and is_left:
+        ratio = np.linalg.solve(covariance, measured)
+        by_gain = gain_error * float(np.trace(np.linalg.solve(covariance, uv_noise))) / 2
+        error = area * math.hypot(math.sqrt(float(np.trace(ratio @ ratio)) / (2 * grains)), by_gain)
+    elif grains is not None:
+        error = ellipse_area(measured) / math.sqrt(grains)
     return ColourSpeckle(
-        mean_uv=uv.mean(axis=0),
+        mean_uv=uv.mean(axis=0) - uv_bias,
         covariance_uv=covariance,
         area=area,
-        area_error=None if grains is None else area / math.sqrt(grains),
-        mean_jzazbz=uniform.mean(axis=0),
-        covariance_jzazbz=np.cov(uniform.T, bias=True),
+        area_error=error,
+        mean_jzazbz=uniform.mean(axis=0) - bias,
+        covariance_jzazbz=np.cov(uniform.T, bias=True) - of_noise,
         uv=uv,
         jzazbz=uniform,
+        noise_share=float(np.trace(uv_noise) / max(np.trace(measured), np.finfo(float).tiny)),
+        too_dark=0.0 if noise is None else float(1 - lit.mean()),
     )
+
+
+def _with_noise(
+    colour: Callable[[Floats], Floats], samples: Floats, changes: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Colours (n, k) of samples (n, 3), and what noise adds to their mean (k,) and to their covariance (k, k).
+
+    changes: (channel, n, 3), by one standard deviation of each channel's noise.
+    """
+    found = colour(samples)
+    mean, covariance = np.zeros(found.shape[1]), np.zeros((found.shape[1],) * 2)
+    for change in changes:
+        above, below = colour(samples + change), colour(samples - change)
+        half = (above - below) / 2
+        mean += ((above + below) / 2 - found).mean(axis=0)
+        covariance += half.T @ half / len(samples)
+    return found, mean, covariance
 
 
 def uv_prime(xyz: ArrayLike) -> Floats:
     """CIE 1976 (u′, v′) (…, 2) of XYZ (…, 3) with light: 4X/(X + 15Y + 3Z) and 9Y/(X + 15Y + 3Z)."""
     values = np.asarray(xyz, dtype=np.float64)
-    whole = values @ np.array([1.0, 15.0, 3.0])
+    whole = values @ _WHOLE
     return np.stack([4 * values[..., 0] / whole, 9 * values[..., 1] / whole], axis=-1)
 
 
@@ -112,7 +168,7 @@ def independent_covariance(laser_xyz: ArrayLike, contrasts: ArrayLike) -> Floats
     Exact to the first order in C (Kuroda, Opt. Rev. 21, 83 (2014)).
     """
     means, squares = np.asarray(laser_xyz, dtype=np.float64), np.square(np.asarray(contrasts, dtype=np.float64))
-    wholes = means @ np.array([1.0, 15.0, 3.0])
+    wholes = means @ _WHOLE
     changes = (means[:, :2] * [4.0, 9.0] - uv_prime(means.sum(axis=0)) * wholes[:, None]) / wholes.sum()
     covariance: Floats = (changes.T * squares) @ changes
     return covariance

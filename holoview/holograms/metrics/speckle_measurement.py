@@ -47,6 +47,8 @@ MOVING_THRESHOLDS = {"red": 0.069, "green": 0.060, "blue": 0.048}
 STILL_SOURCE = "Roelandt et al., Opt. Express 22, 23965 (2014), 40 observers"
 MOVING_SOURCE = "Verschaffelt et al., Sci. Rep. 5, 14105 (2015), 186 observers"
 
+_MOST_TOO_DARK = 0.01  # share of pixels without a colour that isn't worth a sentence
+
 
 @dataclass(frozen=True, eq=False)
 class LaserImages:
@@ -308,13 +310,27 @@ def _with_lasers(
         raise UserError("region", "lasers that share no lit pixels", expected="a region that all of them light")
     relative = np.stack([pattern.values[usable] / pattern.values[usable].mean() for pattern in patterns])
     contrasts = np.array([estimate.contrast for estimate in estimates])
+    dark = len(powers) - len(lit)
+    notes = (f"{dark} of {len(powers)} lasers have no light that is seen here",) if dark else ()
     colour, independent_colour = None, None
     if lasers.colours is not None:
         means = powers[lit, None] * lasers.colours[lit]
-        colour = colour_speckle(relative.T @ means, plain.luminance.grains.count)
+        of_noise = None
+        if lasers.noise is not None:
+            relative_noise = [_relative_noise(pattern, usable, lasers.noise) for pattern in patterns]
+            of_noise = np.stack(relative_noise)[..., None] * means[:, None, :]
+        gain_error = 0.0 if lasers.noise is None else lasers.noise.gain_error
+        colour = colour_speckle(relative.T @ means, plain.luminance.grains.count, of_noise, gain_error)
         independent_colour = colour_speckle(independent_colours(means, contrasts))
-    dark = len(powers) - len(lit)
-    notes = (f"{dark} of {len(powers)} lasers have no light that is seen here",) if dark else ()
+        if colour is None or colour.is_noise:
+            share = "" if colour is None else f": of the variance of u'v' it makes {100 * colour.noise_share:.0f} %"
+            notes += (f"the camera's noise hides the colour speckle{share}",) if of_noise is not None else ()
+            colour = None
+        elif colour.too_dark > _MOST_TOO_DARK:
+            notes += (
+                f"{colour.too_dark:.0%} of the pixels don't exceed five times their noise: the colour speckle is that "
+                "of the others",
+            )
     wavelengths = [None] * len(powers) if lasers.wavelengths_m is None else lasers.wavelengths_m.tolist()
     return replace(
         plain,
@@ -328,6 +344,11 @@ def _with_lasers(
         independent_colour=independent_colour,
         notes=(*plain.notes, *notes),
     )
+
+
+def _relative_noise(pattern: SpecklePattern, usable: NDArray[np.bool_], noise: PixelNoise) -> Floats:
+    """Standard deviation (n,) of the noise of the usable values of a pattern over their mean."""
+    return np.sqrt(noise_variance(pattern, noise)[usable]) / float(pattern.values[usable].mean())
 
 
 def laser_pattern(intensity: Floats, basis: Floats | None) -> SpecklePattern:
