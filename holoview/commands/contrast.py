@@ -63,7 +63,7 @@ from holoview.holograms.metrics.photograph import (
     require_picture_of_camera,
 )
 from holoview.holograms.metrics.sharpness import slanted_edge_mtf
-from holoview.holograms.metrics.speckle import independent_patterns, pupils_of, speckle_pattern, target_luminance
+from holoview.holograms.metrics.speckle import independent_patterns, pupils_of
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
@@ -355,8 +355,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
     found = measure_speckle(light, chosen, target, lasers, noise)
     share = float(whole.saturated[region_slices(chosen)].mean())
     if statements.saturation == "undo" and share > MOST_SATURATED and whole.level is not None:
-        pattern = speckle_pattern(light, chosen, None if target is None else target_luminance(target, chosen))
-        found = replace(found, luminance=censored_estimate(pattern, whole.level))
+        found = replace(found, luminance=censored_estimate(found.pattern, whole.level))
     notes = [note for photo in photographs for note in photo.notes]
     added: tuple[str, ...] = ()
     if wavelengths_m and args.together is None:

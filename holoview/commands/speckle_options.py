@@ -14,7 +14,7 @@ from holoview.commands.output_files import add_input
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle
 from holoview.holograms.metrics.grains import ContrastEstimate
-from holoview.holograms.metrics.likeness import Likeness
+from holoview.holograms.metrics.likeness import Likeness, StructureLeft
 from holoview.holograms.metrics.sharpness import slanted_edge_mtf
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, visibility
 from holoview.holograms.targets.target import Placement
@@ -131,7 +131,7 @@ def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None
     ]
     if found.has_target:
         lines.append(f"structure of the target divided out; with it the contrast is {found.raw_contrast:.4f}")
-        lines += [] if found.likeness is None else _likeness_lines(found.likeness)
+        lines += [] if found.likeness is None else _likeness_lines(found.likeness, found.blur_px, found.left)
     if reading is not None:
         lines += _reading_lines(reading)
     lines += _laser_lines(found) if found.lasers else []
@@ -141,10 +141,21 @@ def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None
     return lines
 
 
-def _likeness_lines(alike: Likeness) -> list[str]:
+def _likeness_lines(alike: Likeness, blur_px: float, left: StructureLeft | None) -> list[str]:
     if not math.isfinite(alike.standard_error):
         return []
-    return [f"the picture has {100 * alike.share:.0f} +- {100 * alike.standard_error:.0f} % of the target's structure"]
+    blur = f", blurred by {blur_px:g} samples r.m.s.," if blur_px else ""
+    lines = [f"the picture has {_percent(alike)} of the target's structure{blur}"]
+    if left is not None:
+        lines.append(
+            f"of the variance that division leaves, {_percent(left.levels)} follows the target's levels, "
+            f"{_percent(left.edges)} its edges, and {_percent(left.places)} is in places alone"
+        )
+    return lines
+
+
+def _percent(share: Likeness) -> str:
+    return f"{max(100 * share.share, 0):.0f} +- {100 * share.standard_error:.0f} %"
 
 
 def _reading_lines(reading: MeterReading) -> list[str]:

@@ -1,21 +1,47 @@
 """The contrast of a luminance beside its target, and whether the picture shows the target at all.
 
-Only of a picture I = g·T·s that shows its target T can the structure of T be divided out. With I and T of the region
-over their means, x = T − 1 and y = I − 1, the share of the target's structure that the picture has is the slope
+Only of a picture I = g·M·s that shows its target T as M can the structure of M be divided out of the speckle s.
 
-    b = Σ x·y / Σ x²
+**The resolution.** A hologram of few pixels or iterations shows T as its stops, its grid and its patterns allow:
+M = h∗T, h a Gaussian of standard deviation w. With picture and target over their means, y = I − 1 and x = h∗T − 1, w is
+that of `WIDTHS` at which the picture is best a multiple of the target, Σ(y − b·x)² being least: no other choice leaves
+the mean of the ratio I/M free of T. It is sought from fine to coarse, up to the first that is worse.
 
-of the picture on the target: 1 where the speckle s is independent of T, 0 where the picture is, and m/(m + c) for a
-target of mean m in even stray light c. Its standard error is that of a ratio of sums over blocks: Σ_k (n_k − b·d_k)²
-over (Σ d_k)² is its square, n and d being the sums of x·y and x² in each of 8 × 8 blocks. A contrast is withheld where
+**The share.** The slope b = Σ x·y / Σ x² is the share of the target's structure that the picture has: 1 where the speckle
+s is independent of T, 0 where the picture is, and m/(m + c) for a target of mean m in even stray light c. Its standard
+error is that of a ratio of sums over blocks: Σ_k (n_k − b·d_k)² over (Σ d_k)² is its square, n and d being the sums of
+x·y and x² in each of 8 × 8 blocks.
 
-    b is below a half by more than two standard errors, or
-    I/(g·T) has a larger contrast than I by more than 5 %: division adds structure, as by a target that is out of focus
-    or elsewhere, where of I = g·T·s it would leave C of C² + C_T²·(1 + C²).
+**What is left.** In r = I/(g·M) − 1 nothing but speckle is left, which knows nothing of T: it has no correlation with any
+function f of T, and none over more than a grain. With the sums e_k of r·f over the blocks, which are independent,
+
+    ((Σ e_k)² − Σ e_k²)/(Σ f²·Σ r²) ± √2·Σ e_k²/(Σ f²·Σ r²)
+
+is the share of the variance of r that f explains, 0 for speckle. Taken as f are
+
+    levels   each eighth of the pixels by their level in M: a tone curve, a black level, another picture
+    edges    both derivatives of ln M: the first order of a displacement
+
+and where something else stands in some places,
+
+    places   the blocks whose mean of r, times the root of its samples, is off the median by more than 5 standard
+             deviations s, s being 1.4826 of the median deviation: the share of Σ r² that is in these means, less s²
+
+A contrast is withheld where, by two standard errors,
+
+    b is below a half,
+    levels is above a fifth: C, whose square it adds to, would be a tenth too large,
+    edges or places is above a tenth, which tell half of such structure at most: of a displacement the first order, of an
+    object its mean over blocks; light in places that is even to 10 % r.m.s. is what displays show, and only said,
+    C is above 1, all that speckle has: its standard error is √Σ_k (q_k − C²·n_k)²/(2·C·n), q_k being the sum of r² over the n_k
+    samples of a block,
+
+or where I/(g·M) has a larger contrast than I by more than 5 %: of I = g·M·s division leaves C of C² + C_M²·(1 + C²).
+What isn't found of a wrong target adds to C: the contrast that is stated is then too high, never too low.
 
 A target with hardly any structure decides nothing, and changes nothing: division by a T that isn't shown raises C by
 about C_T²/2C, which exceeds the standard error of C, C/√(2n) of n grains, only where b is known to C/(C_T·√n) =
-(2n)^(−1/4).
+(2n)^(−1/4). What is left is judged where C_T² is a tenth of C² or more.
 """
 
 from __future__ import annotations
@@ -27,14 +53,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate
-from holoview.holograms.metrics.speckle import SpeckleContrast, SpecklePattern, speckle_pattern, target_luminance
+from holoview.holograms.metrics.speckle import (
+    Floats,
+    SpeckleContrast,
+    SpecklePattern,
+    speckle_pattern,
+    target_luminance,
+)
 from holoview.light.numerics.sampling import Region, region_slices
 
 LEAST_SHARE = 0.5
 """Share of a target's structure below which, by two standard errors, a picture doesn't show it."""
 
-_BLOCKS, _SIGMAS = 8, 2.0
+MOST_LEFT = 0.2
+"""Share of the square of a contrast that isn't speckle above which, by two standard errors, it is withheld."""
+
+WIDTHS = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+"""Standard deviations of the blur by which a picture may show its target, in samples."""
+
+_BLOCKS, _LEVELS = 8, 8
+_SIGMAS = 2.0
+_LEAST_STRUCTURE = 0.1  # C_T² over C², from which what is left of a target is judged
+_MOST_SEEN = 0.1  # of the variance left, as edges or in places
 _MOST_ADDED = 1.05  # of the contrast by division
+_MOST_UNEVEN = 0.1  # r.m.s. of the brightness
+_OUTLIER, _MAD = 5.0, 1.4826  # standard deviations of a block; a normal law's over the median deviation
+_REACH = 4.0  # standard deviations of a blur
 
 
 @dataclass(frozen=True)
@@ -44,6 +88,28 @@ class Likeness:
     share: float
     standard_error: float
 
+    @property
+    def at_least(self) -> float:
+        """The share less two standard errors."""
+        return self.share - _SIGMAS * self.standard_error
+
+
+@dataclass(frozen=True)
+class StructureLeft:
+    """Shares of the variance of what division by the target leaves that aren't speckle.
+
+    levels, edges: that follow the target's levels, and its edges. places: in some places alone.
+    """
+
+    levels: Likeness
+    edges: Likeness
+    places: Likeness
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether so much of it is in some places that it must be said."""
+        return self.places.at_least > _MOST_SEEN
+
 
 @dataclass(frozen=True, eq=False)
 class LuminanceContrast:
@@ -51,7 +117,8 @@ class LuminanceContrast:
 
     estimate: of `pattern`, without the structure of a target where `has_target`. raw: with the structure of the
     picture. withheld: why the contrast isn't to be stated, "" where it is; `estimate` is then the raw one.
-    likeness: to the target; None without one.
+    likeness: to the target; None without one. blur_px: standard deviation of the target's blur in the picture.
+    left: of the structure; None where there is no target, or hardly any structure in it.
     """
 
     estimate: ContrastEstimate
@@ -60,6 +127,8 @@ class LuminanceContrast:
     has_target: bool
     withheld: str = ""
     likeness: Likeness | None = None
+    blur_px: float = 0.0
+    left: StructureLeft | None = None
 
 
 def luminance_contrast(
@@ -75,31 +144,118 @@ def luminance_contrast(
     """
     noise = noise.within(region) if isinstance(noise, SumNoise) else noise
     plain = speckle_pattern(luminance, region)
-    raw = plain.contrast
     known = None if target is None else target_luminance(target, region)
     if known is None:
-        return LuminanceContrast(contrast_estimate(plain, noise), plain, raw, False)
-    pattern = speckle_pattern(luminance, region, known)
-    window = region_slices(region)
-    alike = likeness(luminance[window], known[window])
-    if reason := _why_withheld(alike, pattern.contrast.contrast, raw.contrast):
-        return LuminanceContrast(contrast_estimate(plain, noise), plain, raw, False, reason, alike)
-    return LuminanceContrast(contrast_estimate(pattern, noise), pattern, raw, True, "", alike)
+        return LuminanceContrast(contrast_estimate(plain, noise), plain, plain.contrast, False)
+    if known.shape != luminance.shape:
+        speckle_pattern(luminance, region, known)  # which says so
+    blur_px, shown = _resolved(plain.values, known, region)
+    pattern = speckle_pattern(plain.values, None, shown)
+    estimate, raw, alike = contrast_estimate(pattern, noise), plain.contrast, likeness(plain.values, shown)
+    has_structure = float(shown.std() / shown.mean()) ** 2 >= _LEAST_STRUCTURE * pattern.contrast.contrast**2
+    left = structure_left(pattern, shown) if has_structure else None
+    if reason := _why_withheld(alike, left, pattern, raw.contrast):
+        own = contrast_estimate(plain, noise)
+        return LuminanceContrast(own, plain, raw, False, reason, alike, blur_px, left)
+    return LuminanceContrast(estimate, pattern, raw, True, "", alike, blur_px, left)
 
 
-def _why_withheld(alike: Likeness, divided: float, raw: float) -> str:
+def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpecklePattern, raw: float) -> str:
     """Why a contrast isn't to be stated; "" where it is."""
     if alike.share + _SIGMAS * alike.standard_error < LEAST_SHARE:
         return (
             f"the picture doesn't show the target here: it has {100 * alike.share:.0f} ± "
             f"{100 * alike.standard_error:.0f} % of its structure"
         )
-    if divided > _MOST_ADDED * raw:
+    contrast = pattern.contrast.contrast
+    if contrast > _MOST_ADDED * raw:
         return (
-            f"the target isn't what is shown here: division by it raises the contrast from {raw:.3f} to {divided:.3f}, "
+            f"the target isn't what is shown here: division by it raises the contrast from {raw:.3f} to {contrast:.3f}, "
             "and would lower that of a picture which shows it"
         )
+    if contrast - _SIGMAS * _error_of_blocks(pattern) > 1:
+        return f"the target isn't what is shown here: division by it leaves {contrast:.3f}, and speckle has 1 at most"
+    if left is None:
+        return ""
+    for share, most, what in (
+        (left.levels, MOST_LEFT, "levels"),
+        (left.edges, _MOST_SEEN, "edges, as if it were displaced"),
+    ):
+        if share.at_least > most:
+            return (
+                f"the target isn't what is shown here: {100 * share.share:.0f} ± {100 * share.standard_error:.0f} % of "
+                f"the variance that division leaves follows its {what}"
+            )
+    if left.is_uneven and contrast * math.sqrt(left.places.share) > _MOST_UNEVEN:
+        return (
+            f"the target isn't what is shown here: {100 * left.places.share:.0f} ± "
+            f"{100 * left.places.standard_error:.0f} % of the variance that division leaves is in places alone"
+        )
     return ""
+
+
+# --- the resolution ---------------------------------------------------------------------------------------------------
+
+
+def shown_target(target: NDArray[np.floating], region: Region, blur_px: float) -> Floats:
+    """A region (y, x, 3) of a target (y, x, 3), blurred as a picture shows it; none of it negative."""
+    around, inside = _with_margin(region, target.shape[:2], blur_px)
+    return _blurred(np.clip(np.asarray(target[around], dtype=np.float64), 0.0, None), blur_px)[inside]
+
+
+def _resolved(values: Floats, target: Floats, region: Region) -> tuple[float, Floats]:
+    """The blur by which a region's values (y, x) show a target (y, x) of the image, and the region of it, blurred."""
+    best: tuple[float, float, Floats] | None = None
+    for width in WIDTHS:
+        around, inside = _with_margin(region, target.shape, width)
+        shown = _blurred(target[around], width)[inside]
+        left = _left_by_slope(values, shown)
+        if best is not None and left >= best[0]:
+            break
+        best = left, width, shown
+    assert best is not None
+    return best[1], best[2]
+
+
+def _left_by_slope(values: Floats, shown: Floats) -> float:
+    """Σ(y − b·x)² over Σy² of values and what they show, over their means."""
+    if not (shown.mean() > 0 and values.mean() > 0):
+        return 1.0
+    x, y = shown / shown.mean() - 1, values / values.mean() - 1
+    squares = float((x * x).sum() * (y * y).sum())
+    return 1.0 - float((x * y).sum()) ** 2 / squares if squares > 0 else 1.0
+
+
+def _with_margin(region: Region, shape: tuple[int, ...], blur_px: float) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The part of an image that a blur brings into a region, and the region in that part."""
+    margin, window = _radius(blur_px), region_slices(region)
+    firsts = [max(of.start - margin, 0) for of in window]
+    around = [slice(first, min(of.stop + margin, n)) for first, of, n in zip(firsts, window, shape, strict=False)]
+    inside = [slice(of.start - first, of.stop - first) for first, of in zip(firsts, window, strict=True)]
+    return (around[0], around[1]), (inside[0], inside[1])
+
+
+def _radius(blur_px: float) -> int:
+    return int(_REACH * blur_px + 0.5)
+
+
+def _blurred(image: Floats, blur_px: float) -> Floats:
+    """An image (y, x, …) behind a Gaussian of a standard deviation in samples; its border goes on beyond it."""
+    if blur_px == 0:
+        return image
+    radius = _radius(blur_px)
+    kernel = np.exp(-0.5 * np.square(np.arange(-radius, radius + 1) / blur_px))
+    kernel /= kernel.sum()
+    for axis in (0, 1):
+        edges = [(radius, radius) if a == axis else (0, 0) for a in range(image.ndim)]
+        padded, n = np.pad(image, edges, mode="edge"), image.shape[axis]
+        image = sum(
+            weight * np.take(padded, np.arange(k, k + n), axis=axis) for k, weight in enumerate(kernel)
+        )  # type: ignore[assignment]
+    return image
+
+
+# --- what is shown, and what is left ----------------------------------------------------------------------------------
 
 
 def likeness(luminance: NDArray[np.floating], target: NDArray[np.floating]) -> Likeness:
@@ -114,6 +270,57 @@ def likeness(luminance: NDArray[np.floating], target: NDArray[np.floating]) -> L
         return Likeness(0.0, math.inf)
     share = float(products.sum()) / total
     return Likeness(share, float(np.linalg.norm(products - share * squares)) / total)
+
+
+def structure_left(pattern: SpecklePattern, shown: Floats) -> StructureLeft:
+    """What isn't speckle in the ratio of a picture to what it shows of a target (y, x), as shares of its variance."""
+    usable = pattern.usable
+    rest = np.where(usable, pattern.values / pattern.contrast.mean - 1, 0.0)
+    rank = np.full(usable.shape, -1)
+    order = np.argsort(shown[usable], kind="stable")
+    ranks = np.empty(order.size, dtype=np.int64)
+    ranks[order] = np.arange(order.size) * _LEVELS // order.size
+    rank[usable] = ranks
+    levels = _together([_explained(rest, (rank == level).astype(np.float64)) for level in range(_LEVELS)])
+    logarithm = np.log(np.maximum(shown, 1e-6 * shown.mean()))
+    slopes = [np.gradient(logarithm, axis=axis) if logarithm.shape[axis] > 1 else 0 * rest for axis in (0, 1)]
+    edges = _together([_explained(rest, np.where(usable, slope, 0.0)) for slope in slopes])
+    return StructureLeft(levels, edges, _places(rest, usable))
+
+
+def _explained(rest: Floats, feature: Floats) -> Likeness:
+    """The share of the variance of what is left (y, x) that a feature (y, x) explains."""
+    scale = float(np.square(feature).sum() * np.square(rest).sum())
+    if scale <= 0:
+        return Likeness(0.0, 0.0)
+    sums = _block_sums(rest * feature)
+    squares = float(np.square(sums).sum())
+    return Likeness((float(sums.sum()) ** 2 - squares) / scale, math.sqrt(2) * squares / scale)
+
+
+def _together(shares: list[Likeness]) -> Likeness:
+    return Likeness(sum(of.share for of in shares), math.hypot(*(of.standard_error for of in shares)))
+
+
+def _places(rest: Floats, usable: NDArray[np.bool_]) -> Likeness:
+    """The share of the variance of what is left (y, x) that is in blocks whose mean no speckle makes."""
+    counts, sums = _block_sums(usable.astype(np.float64)), _block_sums(rest)
+    means = (sums / np.sqrt(np.maximum(counts, 1)))[counts > 0]
+    middle = float(np.median(means))
+    spread = _MAD * float(np.median(np.abs(means - middle)))
+    beyond = means[np.abs(means - middle) > _OUTLIER * spread]
+    whole = max(float(np.square(rest).sum()), np.finfo(float).tiny)
+    share = float((np.square(beyond) - spread**2).sum()) / whole
+    return Likeness(share, 2 * spread * float(np.linalg.norm(beyond)) / whole)
+
+
+def _error_of_blocks(pattern: SpecklePattern) -> float:
+    """Standard error of a contrast by the scatter of its square between blocks."""
+    rest = np.where(pattern.usable, pattern.values / pattern.contrast.mean - 1, 0.0)
+    squares, counts = _block_sums(np.square(rest)), _block_sums(pattern.usable.astype(np.float64))
+    contrast = pattern.contrast.contrast
+    scatter = float(np.linalg.norm(squares - contrast**2 * counts))
+    return scatter / (2 * contrast * float(counts.sum())) if contrast > 0 else 0.0
 
 
 def _block_sums(values: NDArray[np.float64]) -> NDArray[np.float64]:

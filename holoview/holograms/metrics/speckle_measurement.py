@@ -4,7 +4,8 @@ In the manner of IEC 62906-5-2:2016 (contrast) and IEC 62906-5-4:2018 (colour sp
 projection: a near-eye display has no screen, so that they are followed as far as that allows.
 
 The contrast of the luminance is that of `likeness.luminance_contrast`, which the viewer shows: of I/(g·T), the
-structure of a target T being divided out where the picture shows it; where it doesn't, only raw numbers are stated.
+structure of a target T being divided out, at the resolution that the picture shows, where the picture shows it; where it
+doesn't, only raw numbers are stated.
 The structure of the light of one laser is the mixture of the target's red, green and blue, none of them negative, that
 fits it best.
 
@@ -30,7 +31,7 @@ from scipy.optimize import nnls
 
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate, noise_variance
-from holoview.holograms.metrics.likeness import Likeness, luminance_contrast
+from holoview.holograms.metrics.likeness import Likeness, StructureLeft, luminance_contrast, shown_target
 from holoview.holograms.metrics.speckle import Floats, SpecklePattern, speckle_pattern
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
@@ -98,7 +99,8 @@ class SpeckleMeasurement:
     region: (x, y, width, height). luminance: of all lasers together. mean, pixels: mean luminance, and the pixels that
     count. pattern: the speckle of the luminance. raw_contrast: with the structure of
     the picture. has_target: whether that was divided out of the others. withheld: why the contrast isn't to be stated,
-    "" where it is; `luminance` is then raw, and the lasers aren't measured. likeness: to a target.
+    "" where it is; `luminance` is then raw, and the lasers aren't measured. likeness, blur_px, left: beside a target, as
+    of `LuminanceContrast`.
     lasers: of those with light. groups: by the names of `GROUPS`. correlation: (laser, laser) of the patterns.
     colour, independent_colour: colour speckle as measured, and of independent lasers of the same contrasts; None in the
     dark and of an image without colours. notes: what limits the numbers, as sentences.
@@ -119,6 +121,8 @@ class SpeckleMeasurement:
     notes: tuple[str, ...] = ()
     withheld: str = ""
     likeness: Likeness | None = None
+    blur_px: float = 0.0
+    left: StructureLeft | None = None
 
     @cached_property
     def _shares(self) -> Floats:
@@ -156,6 +160,8 @@ class SpeckleMeasurement:
             "standard_error": None if self.withheld else self.luminance.standard_error,
             "withheld": self.withheld or None,
             "likeness": asdict(alike) if alike is not None and is_known else None,
+            "target_blur_px": None if alike is None else self.blur_px,
+            "structure_left": None if self.left is None else asdict(self.left),
             **_grains_json(self.luminance),
             "raw_contrast": self.raw_contrast,
             "structure_removed": self.has_target,
@@ -266,6 +272,11 @@ def measure_speckle(
         notes.append("the target is black in the region: its structure isn't divided out")
     if estimate.noise_share > 0 and estimate.contrast == 0:
         notes.append("the camera's noise explains all of the variance: no speckle is left")
+    if measured.has_target and measured.left is not None and measured.left.is_uneven:
+        notes.append(
+            f"the picture is uneven by {100 * estimate.contrast * math.sqrt(measured.left.places.share):.0f} % r.m.s. "
+            "beside its target: the contrast counts that as speckle, and comes out too high"
+        )
     if estimate.has_few_grains:
         notes.append(
             f"the region holds {estimate.grains.count:.0f} independent grains only: its contrast and the standard "
@@ -282,18 +293,21 @@ def measure_speckle(
         notes=tuple(notes),
         withheld=measured.withheld,
         likeness=measured.likeness,
+        blur_px=measured.blur_px,
+        left=measured.left,
     )
     if lasers is None or measured.withheld:
         return plain
-    return _with_lasers(plain, lasers, target if measured.has_target else None)
+    shown = shown_target(target, region, measured.blur_px) if target is not None and measured.has_target else None
+    return _with_lasers(plain, lasers, shown)
 
 
 def _with_lasers(
     plain: SpeckleMeasurement,
     lasers: LaserImages,
-    target: NDArray[np.floating] | None,
+    shown: Floats | None,
 ) -> SpeckleMeasurement:
-    """Adds what is known of each laser."""
+    """Adds what is known of each laser. shown: of a target (y, x, 3), in the region."""
     window = region_slices(plain.region)
     parts = np.asarray(lasers.intensity[:, *window], dtype=np.float64)
     powers = parts.mean(axis=(1, 2))
@@ -301,8 +315,7 @@ def _with_lasers(
     lit = [int(i) for i in np.flatnonzero(luminances > 0)]
     if not lit:
         return plain
-    basis = None if target is None else np.clip(np.asarray(target[window], dtype=np.float64), 0.0, None)
-    patterns = [laser_pattern(parts[i], basis) for i in lit]
+    patterns = [laser_pattern(parts[i], shown) for i in lit]
     estimates = [contrast_estimate(pattern, lasers.noise) for pattern in patterns]
     shares = luminances[lit] / luminances[lit].sum()
     usable = reduce(np.logical_and, (pattern.usable for pattern in patterns))

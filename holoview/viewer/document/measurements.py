@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from holoview.holograms.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
 from holoview.holograms.metrics.grains import contrast_estimate
-from holoview.holograms.metrics.likeness import luminance_contrast
+from holoview.holograms.metrics.likeness import luminance_contrast, shown_target
 from holoview.holograms.metrics.speckle import (
     RetinalContrast,
     SpeckleHistogram,
@@ -174,21 +174,20 @@ def contrast_by_wavelength(
 
     means, likeness = laser_luminances(system), pattern_likeness(system, plane_m)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
-    basis = None if target is None else np.clip(np.asarray(crop(target, region), dtype=np.float64), 0.0, None)
-    total: Floats = np.zeros(())
-    estimates, independent, sources = [], [], len(system.source.directions_rad)
-    for count, laser in enumerate(order, start=1):
-        total = total + np.asarray(crop(luminance(laser), region), dtype=np.float64)
-        if count == len(order):
-            whole = (0, 0, total.shape[1], total.shape[0])
-            estimates.append(luminance_contrast(total, whole, basis).estimate)
-        else:
-            estimates.append(contrast_estimate(laser_pattern(total, basis)))
+    if not order:
+        raise UserError("lasers", "none that can be seen is on", remedy="switch one on")
+    total, sums = np.zeros(()), []
+    for laser in order:
+        total = total + np.asarray(luminance(laser), dtype=np.float64)
+        sums.append(crop(total, region))
+    together = luminance_contrast(total, region, target)
+    shown = None if target is None else shown_target(target, region, together.blur_px)
+    estimates = [*(contrast_estimate(laser_pattern(some, shown)) for some in sums[:-1]), together.estimate]
+    independent, sources = [], len(system.source.directions_rad)
+    for count in range(1, len(order) + 1):
         added = means[:, order[:count]]
         squares = np.square(added) * likeness[order[:count]]
         independent.append(float(np.sqrt(squares.sum() / sources) / added.sum()))
-    if not order:
-        raise UserError("lasers", "none that can be seen is on", remedy="switch one on")
     measured, errors = (np.array([getattr(of, name) for of in estimates]) for name in ("contrast", "standard_error"))
     return ContrastCurve(system.wavelengths_m[order], measured, errors, np.array(independent), target is None)
 

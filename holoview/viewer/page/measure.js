@@ -1,4 +1,4 @@
-// What a region of an image measures: the twins of holoview/holograms/metrics/speckle.py and psnr.py. Regions are samples
+// What a region of an image measures: the twins of holoview/holograms/metrics/speckle.py, likeness.py and fidelity.py. Regions are samples
 // {x, y, width, height}; images are XYZ, Float32Array (y, x, 4).
 
 // Linear sRGB (3) of XYZ, not clipped.
@@ -9,23 +9,15 @@ const DECODED = Float64Array.from({ length: 256 }, (_, code) => srgbDecode(code 
 
 const TARGET_FLOOR = 0.05 // of a target's mean in the region, below which its samples don't count
 
-// Luminance Y of a region, divided by that of a target of 8-bit sRGB codes (y, x, 4) where one is given and has light:
-// Y/(g·T) where T is at least TARGET_FLOOR of its mean, g = ΣY/ΣT there. luminance: row of the matrix sRGB to XYZ.
-function structureFree(xyz, width, region, target, luminance) {
-    const values = [], wanted = []
-    for (let y = region.y; y < region.y + region.height; y++) {
-        for (let x = region.x; x < region.x + region.width; x++) {
-            const i = 4 * (y * width + x)
-            values.push(xyz[i + 1])
-            if (target) wanted.push(luminance.reduce((sum, weight, c) => sum + weight * DECODED[target[i + c]], 0))
-        }
-    }
-    const total = of => of.reduce((sum, value) => sum + value, 0)
-    if (!target || total(wanted) === 0) return { values: Float64Array.from(values), divided: false }
+const total = of => of.reduce((sum, value) => sum + value, 0)
+
+// Values Y of a region over what they show of a target, Y/(g·T) where T is at least TARGET_FLOOR of its mean, g = ΣY/ΣT
+// there; 0 elsewhere. usable: 1 where they count.
+function structureFree(values, wanted) {
     const floor = (TARGET_FLOOR * total(wanted)) / wanted.length
-    const kept = wanted.map(value => value > 0 && value >= floor)
-    const gain = total(values.filter((_, k) => kept[k])) / total(wanted.filter((_, k) => kept[k]))
-    return { values: Float64Array.from(values.map((value, k) => value / (gain * wanted[k])).filter((_, k) => kept[k])), divided: true, wanted }
+    const usable = wanted.map(value => (value > 0 && value >= floor ? 1 : 0))
+    const gain = total(values.map((value, k) => value * usable[k])) / total(wanted.map((value, k) => value * usable[k]))
+    return { ratio: values.map((value, k) => (usable[k] ? value / (gain * wanted[k]) : 0)), usable }
 }
 
 // Mean and standard deviation of numbers.
@@ -35,58 +27,169 @@ function moments(values) {
     return { mean, std: Math.sqrt(squares / values.length) }
 }
 
-// The share of the structure of wanted values (height × width) that values have, with its standard error from 8 × 8 blocks:
-// the twin of holoview/holograms/metrics/likeness.py.
-function likeness(values, wanted, { width, height }) {
-    const centred = of => {
-        const { mean } = moments(of)
-        return of.map(value => value / mean - 1)
+const BLUR_WIDTHS = [0, 0.5, 0.7, 1, 1.4, 2, 2.8, 4, 5.6, 8] // samples, as WIDTHS of holoview/holograms/metrics/likeness.py
+
+// Luminance of a region of a target of 8-bit sRGB codes (y, x, 4), behind a Gaussian of a standard deviation in samples; its
+// border goes on beyond it. luminance: row of the matrix sRGB to XYZ.
+function blurredTarget(target, width, region, luminance, blur) {
+    const rows = target.length / 4 / width, radius = Math.floor(4 * blur + 0.5)
+    const clamp = (value, n) => Math.min(Math.max(value, 0), n - 1)
+    const kernel = Array.from({ length: 2 * radius + 1 }, (_, k) => (blur ? Math.exp(-0.5 * ((k - radius) / blur) ** 2) : 1))
+    const whole = total(kernel), found = new Float64Array(region.width * region.height)
+    const line = new Float64Array(region.width + 2 * radius), across = []
+    for (let k = -radius; k < region.height + radius; k++) {
+        const y = clamp(region.y + k, rows), blurred = new Float64Array(region.width)
+        for (let j = 0; j < line.length; j++) {
+            const i = 4 * (y * width + clamp(region.x + j - radius, width))
+            line[j] = luminance.reduce((sum, weight, c) => sum + weight * DECODED[target[i + c]], 0)
+        }
+        for (let x = 0; x < region.width; x++) for (let j = 0; j <= 2 * radius; j++) blurred[x] += (kernel[j] / whole) * line[x + j]
+        across.push(blurred)
     }
-    const x = centred(wanted), y = centred(values)
-    const rows = Math.min(8, height), columns = Math.min(8, width)
-    const products = new Array(rows * columns).fill(0), squares = new Array(rows * columns).fill(0)
-    const firsts = (n, parts) => Array.from({ length: parts }, (_, k) => Math.floor((k * n) / parts))
+    for (let y = 0; y < region.height; y++) {
+        for (let j = 0; j <= 2 * radius; j++) {
+            for (let x = 0; x < region.width; x++) found[y * region.width + x] += (kernel[j] / whole) * across[y + j][x]
+        }
+    }
+    return found
+}
+
+const overMean = of => {
+    const { mean } = moments(of)
+    return of.map(value => value / mean - 1)
+}
+
+// What values (region) show of a target: blurred by the width at which they are best a multiple of it; null of a black one.
+function shownTarget(values, target, width, region, luminance) {
+    const y = overMean(values), sumOf = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0)
+    let best = null
+    for (const blur of BLUR_WIDTHS) {
+        const wanted = blurredTarget(target, width, region, luminance, blur)
+        if (blur === 0 && total(wanted) === 0) return null
+        const x = overMean(wanted), squares = sumOf(x, x) * sumOf(y, y)
+        const left = squares > 0 ? 1 - sumOf(x, y) ** 2 / squares : 1
+        if (best && left >= best.left) break
+        best = { left, blur, wanted }
+    }
+    return best
+}
+
+// Sums of values (height × width) over 8 × 8 blocks, or over as many as there are samples each way.
+function blockSums(values, { width, height }) {
+    const rows = Math.min(8, height), columns = Math.min(8, width), sums = new Float64Array(rows * columns)
     const blockOf = (n, parts) => {
-        const starts = firsts(n, parts)
+        const starts = Array.from({ length: parts }, (_, k) => Math.floor((k * n) / parts))
         return Array.from({ length: n }, (_, i) => starts.findLastIndex(start => start <= i))
     }
     const row = blockOf(height, rows), column = blockOf(width, columns)
-    x.forEach((value, i) => {
-        const block = row[Math.floor(i / width)] * columns + column[i % width]
-        products[block] += value * y[i]
-        squares[block] += value * value
-    })
-    const total = squares.reduce((sum, value) => sum + value, 0)
-    if (!(total > 1e-12 * x.length)) return { share: 0, standard_error: Infinity }
-    const share = products.reduce((sum, value) => sum + value, 0) / total
-    return { share, standard_error: Math.hypot(...products.map((value, k) => value - share * squares[k])) / total }
+    values.forEach((value, i) => { sums[row[Math.floor(i / width)] * columns + column[i % width]] += value })
+    return sums
 }
 
-// Why a contrast isn't to be stated; "" where it is.
-function whyWithheld(alike, divided, raw) {
-    if (alike.share + 2 * alike.standard_error < 0.5) {
-        const [share, error] = [alike.share, alike.standard_error].map(value => (100 * value).toFixed(0))
-        return `the picture doesn't show the target here: it has ${share} ± ${error} % of its structure`
+// The share of the structure of wanted values that values have, with its standard error from blocks. With all below that
+// judges a contrast, the twin of holoview/holograms/metrics/likeness.py, which derives it.
+function likeness(values, wanted, region) {
+    const x = overMean(wanted), y = overMean(values)
+    const products = blockSums(x.map((value, k) => value * y[k]), region), squares = blockSums(x.map(value => value * value), region)
+    const whole = total(squares)
+    if (!(whole > 1e-12 * x.length)) return { share: 0, error: Infinity }
+    const share = total(products) / whole
+    return { share, error: Math.hypot(...products.map((value, k) => value - share * squares[k])) / whole }
+}
+
+// The share of the variance of what is left that features explain together, each of them (region).
+function explained(rest, features, region) {
+    let share = 0, variance = 0
+    for (const feature of features) {
+        const scale = total(feature.map(value => value * value)) * total(rest.map(value => value * value))
+        if (!(scale > 0)) continue
+        const sums = blockSums(rest.map((value, k) => value * feature[k]), region), squares = total(sums.map(value => value * value))
+        share += (total(sums) ** 2 - squares) / scale
+        variance += 2 * (squares / scale) ** 2
     }
-    if (divided > 1.05 * raw) {
-        return `the target isn't what is shown here: division by it raises the contrast from ${raw.toFixed(3)} to ${divided.toFixed(3)}, and would lower that of a picture which shows it`
+    return { share, error: Math.sqrt(variance) }
+}
+
+// 1 in each eighth of the usable samples by their level, 0 elsewhere.
+function levelFeatures(wanted, usable) {
+    const order = [...usable.keys()].filter(k => usable[k]).sort((a, b) => wanted[a] - wanted[b])
+    const features = Array.from({ length: 8 }, () => new Float64Array(wanted.length))
+    order.forEach((k, rank) => { features[Math.floor((rank * 8) / order.length)][k] = 1 })
+    return features
+}
+
+// Both derivatives of the logarithm of what is shown, by central differences, one-sided at the border.
+function edgeFeatures(wanted, usable, { width, height }) {
+    const mean = total(wanted) / wanted.length, log = wanted.map(value => Math.log(Math.max(value, 1e-6 * mean)))
+    const slope = (k, i, n, step) => {
+        const first = i > 0 ? k - step : k, last = i < n - 1 ? k + step : k
+        return last > first ? (usable[k] * (log[last] - log[first]) * step) / (last - first) : 0
     }
+    return [
+        wanted.map((_, k) => slope(k, Math.floor(k / width), height, width)),
+        wanted.map((_, k) => slope(k, k % width, width, 1)),
+    ]
+}
+
+const median = of => {
+    const sorted = [...of].sort((a, b) => a - b), half = sorted.length / 2
+    return (sorted[Math.ceil(half) - 1] + sorted[Math.floor(half)]) / 2
+}
+
+// The share of the variance of what is left that is in blocks whose mean no speckle makes.
+function inPlaces(rest, usable, region) {
+    const counts = blockSums(usable, region)
+    const means = [...blockSums(rest, region)].map((sum, k) => sum / Math.sqrt(counts[k])).filter((_, k) => counts[k] > 0)
+    const middle = median(means), spread = 1.4826 * median(means.map(value => Math.abs(value - middle)))
+    const beyond = means.filter(value => Math.abs(value - middle) > 5 * spread)
+    const whole = Math.max(total(rest.map(value => value * value)), Number.MIN_VALUE)
+    return { share: total(beyond.map(value => value * value - spread * spread)) / whole, error: (2 * spread * Math.hypot(...beyond)) / whole }
+}
+
+// Why a contrast isn't to be stated; "" where it is. ratio, usable: of `structureFree`.
+function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
+    const alike = likeness(values, wanted, region), percent = ({ share, error }) => `${(100 * share).toFixed(0)} ± ${(100 * error).toFixed(0)} %`
+    if (alike.share + 2 * alike.error < 0.5) return `the picture doesn't show the target here: it has ${percent(alike)} of its structure`
+    const other = "the target isn't what is shown here:"
+    if (divided.contrast > 1.05 * raw) {
+        return `${other} division by it raises the contrast from ${raw.toFixed(3)} to ${divided.contrast.toFixed(3)}, and would lower that of a picture which shows it`
+    }
+    const rest = ratio.map((value, k) => usable[k] * (value / divided.mean - 1)), counts = blockSums(usable, region)
+    const scatter = Math.hypot(...blockSums(rest.map(value => value * value), region).map((square, k) => square - divided.contrast ** 2 * counts[k]))
+    if (divided.contrast > 0 && divided.contrast - scatter / (divided.contrast * total(usable)) > 1) {
+        return `${other} division by it leaves ${divided.contrast.toFixed(3)}, and speckle has 1 at most`
+    }
+    const structure = moments(wanted)
+    if ((structure.std / structure.mean) ** 2 < 0.1 * divided.contrast ** 2) return ""
+    const least = found => found.share - 2 * found.error, left = "of the variance that division leaves"
+    const levels = explained(rest, levelFeatures(wanted, usable), region)
+    if (least(levels) > 0.2) return `${other} ${percent(levels)} ${left} follows its levels`
+    const edges = explained(rest, edgeFeatures(wanted, usable, region), region)
+    if (least(edges) > 0.1) return `${other} ${percent(edges)} ${left} follows its edges, as if it were displaced`
+    const places = inPlaces(rest, usable, region)
+    if (least(places) > 0.1 && divided.contrast * Math.sqrt(places.share) > 0.1) return `${other} ${percent(places)} ${left} is in places alone`
     return ""
 }
 
 // Contrast σ/μ of the luminance in a region, the structure of a target divided out where one is given and shown
 // (`structureFree`), with a histogram of what counts over its mean in 32 bins of 1/8, the last of which takes all that is
 // brighter. mean, raw_contrast: of the luminance as it is. withheld: why contrast is null, as the target isn't shown.
+// blur_px: of the target in the picture.
 function speckle(xyz, width, region, target = null, luminance = null) {
-    const plain = structureFree(xyz, width, region).values, raw = moments(plain), rawContrast = raw.std / raw.mean
-    let { values, divided, wanted } = target ? structureFree(xyz, width, region, target, luminance) : { values: plain, divided: false }
-    let { mean, std } = moments(values), withheld = ""
-    if (divided) withheld = whyWithheld(likeness(plain, Float64Array.from(wanted), region), std / mean, rawContrast)
-    if (withheld) [values, divided, mean, std] = [plain, false, raw.mean, raw.std]
+    const plain = new Float64Array(region.width * region.height)
+    plain.forEach((_, k) => { plain[k] = xyz[4 * ((region.y + Math.floor(k / region.width)) * width + region.x + (k % region.width)) + 1] })
+    const raw = moments(plain), rawContrast = raw.std / raw.mean
+    const shown = target && shownTarget(plain, target, width, region, luminance)
+    let values = plain, { mean, std } = raw, withheld = "", divided = false
+    if (shown) {
+        const free = structureFree(plain, shown.wanted), counted = free.ratio.filter((_, k) => free.usable[k]), own = moments(counted)
+        withheld = whyWithheld(plain, shown.wanted, free, region, { ...own, contrast: own.std / own.mean }, rawContrast)
+        if (!withheld) [values, mean, std, divided] = [counted, own.mean, own.std, true]
+    }
     const histogram = new Array(32).fill(0)
     for (const value of values) histogram[Math.min(Math.floor((value / mean) * 8), 31)] += 1
-    const contrast = withheld ? null : std / mean
-    return { mean: raw.mean, std: (std / mean) * raw.mean, contrast, raw_contrast: rawContrast, samples: values.length, histogram, divided, withheld }
+    const contrast = withheld ? null : std / mean, blur_px = shown ? shown.blur : 0
+    return { mean: raw.mean, std: (std / mean) * raw.mean, contrast, raw_contrast: rawContrast, samples: values.length, histogram, divided, withheld, blur_px }
 }
 
 // PSNR in dB, peak 1, of linear sRGB clipped to 0…1 against a target of 8-bit sRGB codes (y, x, 4).
