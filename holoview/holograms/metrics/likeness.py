@@ -33,8 +33,8 @@ A contrast is withheld where, by two standard errors,
     levels is above a fifth: C, whose square it adds to, would be a tenth too large,
     edges or places is above a tenth, which tell half of such structure at most: of a displacement the first order, of an
     object its mean over blocks; light in places that is even to 10 % r.m.s. is what displays show, and only said,
-    C is above 1, all that speckle has: its standard error is √Σ_k (q_k − C²·n_k)²/(2·C·n), q_k being the sum of r² over the n_k
-    samples of a block,
+    C is above 1, all that speckle has, and by a tenth: its standard error is √(Σ_k (q_k − C²·n_k)²)/(2·C·n), q_k being
+    the sum of r² over the n_k samples of a block,
 
 or where I/(g·M) has a larger contrast than I by more than 5 %: of I = g·M·s division leaves C of C² + C_M²·(1 + C²).
 What isn't found of a wrong target adds to C: the contrast that is stated is then too high, never too low.
@@ -75,7 +75,7 @@ _BLOCKS, _LEVELS = 8, 8
 _SIGMAS = 2.0
 _LEAST_STRUCTURE = 0.1  # C_T² over C², from which what is left of a target is judged
 _MOST_SEEN = 0.1  # of the variance left, as edges or in places
-_MOST_ADDED = 1.05  # of the contrast by division
+_MOST_ADDED, _MOST_OF_SPECKLE = 1.05, 1.1  # of the contrast by division; a contrast that is a tenth too large
 _MOST_UNEVEN = 0.1  # r.m.s. of the brightness
 _OUTLIER, _MAD = 5.0, 1.4826  # standard deviations of a block; a normal law's over the median deviation
 _REACH = 4.0  # standard deviations of a blur
@@ -173,7 +173,7 @@ def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpeckleP
             f"the target isn't what is shown here: division by it raises the contrast from {raw:.3f} to {contrast:.3f}, "
             "and would lower that of a picture which shows it"
         )
-    if contrast - _SIGMAS * _error_of_blocks(pattern) > 1:
+    if contrast > _MOST_OF_SPECKLE and contrast - _SIGMAS * _error_of_blocks(pattern) > 1:
         return f"the target isn't what is shown here: division by it leaves {contrast:.3f}, and speckle has 1 at most"
     if left is None:
         return ""

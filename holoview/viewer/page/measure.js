@@ -9,7 +9,11 @@ const DECODED = Float64Array.from({ length: 256 }, (_, code) => srgbDecode(code 
 
 const TARGET_FLOOR = 0.05 // of a target's mean in the region, below which its samples don't count
 
-const total = of => of.reduce((sum, value) => sum + value, 0)
+function total(of) {
+    let sum = 0
+    for (let k = 0; k < of.length; k++) sum += of[k]
+    return sum
+}
 
 // Values Y of a region over what they show of a target, Y/(g·T) where T is at least TARGET_FLOOR of its mean, g = ΣY/ΣT
 // there; 0 elsewhere. usable: 1 where they count.
@@ -29,27 +33,38 @@ function moments(values) {
 
 const BLUR_WIDTHS = [0, 0.5, 0.7, 1, 1.4, 2, 2.8, 4, 5.6, 8] // samples, as WIDTHS of holoview/holograms/metrics/likeness.py
 
-// Luminance of a region of a target of 8-bit sRGB codes (y, x, 4), behind a Gaussian of a standard deviation in samples; its
-// border goes on beyond it. luminance: row of the matrix sRGB to XYZ.
-function blurredTarget(target, width, region, luminance, blur) {
-    const rows = target.length / 4 / width, radius = Math.floor(4 * blur + 0.5)
-    const clamp = (value, n) => Math.min(Math.max(value, 0), n - 1)
-    const kernel = Array.from({ length: 2 * radius + 1 }, (_, k) => (blur ? Math.exp(-0.5 * ((k - radius) / blur) ** 2) : 1))
-    const whole = total(kernel), found = new Float64Array(region.width * region.height)
-    const line = new Float64Array(region.width + 2 * radius), across = []
-    for (let k = -radius; k < region.height + radius; k++) {
-        const y = clamp(region.y + k, rows), blurred = new Float64Array(region.width)
-        for (let j = 0; j < line.length; j++) {
-            const i = 4 * (y * width + clamp(region.x + j - radius, width))
-            line[j] = luminance.reduce((sum, weight, c) => sum + weight * DECODED[target[i + c]], 0)
+const MARGIN = 32 // samples that the widest blur brings in
+
+// Luminance of a region of a target of 8-bit sRGB codes (y, x, 4) with MARGIN samples around it; the border of the picture
+// goes on beyond it. luminance: row of the matrix sRGB to XYZ.
+function targetAround(target, width, region, [red, green, blue]) {
+    const rows = target.length / 4 / width, clamp = (value, n) => Math.min(Math.max(value, 0), n - 1)
+    const across = region.width + 2 * MARGIN, down = region.height + 2 * MARGIN, found = new Float64Array(across * down)
+    for (let k = 0, y = 0; y < down; y++) {
+        for (let x = 0; x < across; x++, k++) {
+            const i = 4 * (clamp(region.y + y - MARGIN, rows) * width + clamp(region.x + x - MARGIN, width))
+            found[k] = red * DECODED[target[i]] + green * DECODED[target[i + 1]] + blue * DECODED[target[i + 2]]
         }
-        for (let x = 0; x < region.width; x++) for (let j = 0; j <= 2 * radius; j++) blurred[x] += (kernel[j] / whole) * line[x + j]
-        across.push(blurred)
     }
-    for (let y = 0; y < region.height; y++) {
-        for (let j = 0; j <= 2 * radius; j++) {
-            for (let x = 0; x < region.width; x++) found[y * region.width + x] += (kernel[j] / whole) * across[y + j][x]
+    return found
+}
+
+// The region of such a luminance, behind a Gaussian of a standard deviation in samples.
+function blurredTarget(around, region, blur) {
+    const radius = Math.floor(4 * blur + 0.5), width = region.width + 2 * MARGIN, first = MARGIN - radius
+    const kernel = Array.from({ length: 2 * radius + 1 }, (_, k) => (blur ? Math.exp(-0.5 * ((k - radius) / blur) ** 2) : 1))
+    const whole = total(kernel), lines = region.height + 2 * radius
+    const across = new Float64Array(lines * region.width), found = new Float64Array(region.width * region.height)
+    for (let j = 0; j <= 2 * radius; j++) {
+        const weight = kernel[j] / whole
+        for (let k = 0, y = 0; y < lines; y++) {
+            const start = (first + y) * width + first + j
+            for (let x = 0; x < region.width; x++, k++) across[k] += weight * around[start + x]
         }
+    }
+    for (let j = 0; j <= 2 * radius; j++) {
+        const weight = kernel[j] / whole, start = j * region.width
+        for (let k = 0; k < found.length; k++) found[k] += weight * across[start + k]
     }
     return found
 }
@@ -61,10 +76,16 @@ const overMean = of => {
 
 // What values (region) show of a target: blurred by the width at which they are best a multiple of it; null of a black one.
 function shownTarget(values, target, width, region, luminance) {
-    const y = overMean(values), sumOf = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0)
+    const y = overMean(values)
+    const sumOf = (a, b) => {
+        let sum = 0
+        for (let k = 0; k < a.length; k++) sum += a[k] * b[k]
+        return sum
+    }
+    const around = targetAround(target, width, region, luminance)
     let best = null
     for (const blur of BLUR_WIDTHS) {
-        const wanted = blurredTarget(target, width, region, luminance, blur)
+        const wanted = blurredTarget(around, region, blur)
         if (blur === 0 && total(wanted) === 0) return null
         const x = overMean(wanted), squares = sumOf(x, x) * sumOf(y, y)
         const left = squares > 0 ? 1 - sumOf(x, y) ** 2 / squares : 1
@@ -74,61 +95,68 @@ function shownTarget(values, target, width, region, luminance) {
     return best
 }
 
-// Sums of values (height × width) over 8 × 8 blocks, or over as many as there are samples each way.
-function blockSums(values, { width, height }) {
-    const rows = Math.min(8, height), columns = Math.min(8, width), sums = new Float64Array(rows * columns)
+// For each sample of a region the number of its block, of 8 × 8 or as many as there are samples each way.
+function blocksOf({ width, height }) {
+    const rows = Math.min(8, height), columns = Math.min(8, width), found = new Uint8Array(width * height)
     const blockOf = (n, parts) => {
         const starts = Array.from({ length: parts }, (_, k) => Math.floor((k * n) / parts))
         return Array.from({ length: n }, (_, i) => starts.findLastIndex(start => start <= i))
     }
     const row = blockOf(height, rows), column = blockOf(width, columns)
-    values.forEach((value, i) => { sums[row[Math.floor(i / width)] * columns + column[i % width]] += value })
+    for (let k = 0, y = 0; y < height; y++) for (let x = 0; x < width; x++, k++) found[k] = row[y] * columns + column[x]
+    return found
+}
+
+// Sums over blocks of values, or of products of two.
+function blockSums(blocks, first, second = null) {
+    const sums = new Float64Array(blocks[blocks.length - 1] + 1)
+    for (let k = 0; k < first.length; k++) sums[blocks[k]] += second ? first[k] * second[k] : first[k]
     return sums
 }
 
 // The share of the structure of wanted values that values have, with its standard error from blocks. With all below that
 // judges a contrast, the twin of holoview/holograms/metrics/likeness.py, which derives it.
-function likeness(values, wanted, region) {
-    const x = overMean(wanted), y = overMean(values)
-    const products = blockSums(x.map((value, k) => value * y[k]), region), squares = blockSums(x.map(value => value * value), region)
+function likeness(values, wanted, blocks) {
+    const x = overMean(wanted), products = blockSums(blocks, x, overMean(values)), squares = blockSums(blocks, x, x)
     const whole = total(squares)
     if (!(whole > 1e-12 * x.length)) return { share: 0, error: Infinity }
     const share = total(products) / whole
     return { share, error: Math.hypot(...products.map((value, k) => value - share * squares[k])) / whole }
 }
 
-// The share of the variance of what is left that features explain together, each of them (region).
-function explained(rest, features, region) {
-    let share = 0, variance = 0
-    for (const feature of features) {
-        const scale = total(feature.map(value => value * value)) * total(rest.map(value => value * value))
-        if (!(scale > 0)) continue
-        const sums = blockSums(rest.map((value, k) => value * feature[k]), region), squares = total(sums.map(value => value * value))
-        share += (total(sums) ** 2 - squares) / scale
-        variance += 2 * (squares / scale) ** 2
+// The share of the variance of what is left that features explain together: of each, the sums over blocks of its product with
+// what is left, and the sum of its squares. variance: sum of squares of what is left.
+function explained(features, variance) {
+    let share = 0, squared = 0
+    for (const { sums, squares } of features.filter(({ squares }) => squares > 0)) {
+        const own = sums.reduce((sum, value) => sum + value * value, 0)
+        share += (total(sums) ** 2 - own) / (squares * variance)
+        squared += 2 * (own / (squares * variance)) ** 2
     }
-    return { share, error: Math.sqrt(variance) }
+    return { share, error: Math.sqrt(squared) }
 }
 
-// 1 in each eighth of the usable samples by their level, 0 elsewhere.
-function levelFeatures(wanted, usable) {
-    const order = [...usable.keys()].filter(k => usable[k]).sort((a, b) => wanted[a] - wanted[b])
-    const features = Array.from({ length: 8 }, () => new Float64Array(wanted.length))
-    order.forEach((k, rank) => { features[Math.floor((rank * 8) / order.length)][k] = 1 })
-    return features
+// Each eighth of the usable samples by their level, as features.
+function levelFeatures(rest, wanted, usable, blocks) {
+    const levels = Array.from({ length: 8 }, () => ({ sums: new Float64Array(blocks[blocks.length - 1] + 1), squares: 0 }))
+    const order = Uint32Array.from(usable.keys()).filter(k => usable[k]).sort((a, b) => wanted[a] - wanted[b])
+    order.forEach((k, rank) => {
+        const level = levels[Math.floor((rank * 8) / order.length)]
+        level.sums[blocks[k]] += rest[k]
+        level.squares += 1
+    })
+    return levels
 }
 
-// Both derivatives of the logarithm of what is shown, by central differences, one-sided at the border.
-function edgeFeatures(wanted, usable, { width, height }) {
+// Both derivatives of the logarithm of what is shown, by central differences, one-sided at the border, as features.
+function edgeFeatures(rest, wanted, usable, { width, height }, blocks) {
     const mean = total(wanted) / wanted.length, log = wanted.map(value => Math.log(Math.max(value, 1e-6 * mean)))
     const slope = (k, i, n, step) => {
         const first = i > 0 ? k - step : k, last = i < n - 1 ? k + step : k
         return last > first ? (usable[k] * (log[last] - log[first]) * step) / (last - first) : 0
     }
-    return [
-        wanted.map((_, k) => slope(k, Math.floor(k / width), height, width)),
-        wanted.map((_, k) => slope(k, k % width, width, 1)),
-    ]
+    const down = wanted.map((_, k) => slope(k, Math.floor(k / width), height, width)), across = wanted.map((_, k) => slope(k, k % width, width, 1))
+    return [down, across].map(of => ({ sums: blockSums(blocks, rest, of), squares: total(blockSums(blocks, of, of)) }))
 }
 
 const median = of => {
@@ -137,36 +165,37 @@ const median = of => {
 }
 
 // The share of the variance of what is left that is in blocks whose mean no speckle makes.
-function inPlaces(rest, usable, region) {
-    const counts = blockSums(usable, region)
-    const means = [...blockSums(rest, region)].map((sum, k) => sum / Math.sqrt(counts[k])).filter((_, k) => counts[k] > 0)
+function inPlaces(rest, usable, blocks) {
+    const counts = blockSums(blocks, usable)
+    const means = [...blockSums(blocks, rest)].map((sum, k) => sum / Math.sqrt(counts[k])).filter((_, k) => counts[k] > 0)
     const middle = median(means), spread = 1.4826 * median(means.map(value => Math.abs(value - middle)))
     const beyond = means.filter(value => Math.abs(value - middle) > 5 * spread)
-    const whole = Math.max(total(rest.map(value => value * value)), Number.MIN_VALUE)
+    const whole = Math.max(total(blockSums(blocks, rest, rest)), Number.MIN_VALUE)
     return { share: total(beyond.map(value => value * value - spread * spread)) / whole, error: (2 * spread * Math.hypot(...beyond)) / whole }
 }
 
 // Why a contrast isn't to be stated; "" where it is. ratio, usable: of `structureFree`.
 function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
-    const alike = likeness(values, wanted, region), percent = ({ share, error }) => `${(100 * share).toFixed(0)} ± ${(100 * error).toFixed(0)} %`
+    const blocks = blocksOf(region), alike = likeness(values, wanted, blocks), percent = ({ share, error }) => `${(100 * share).toFixed(0)} ± ${(100 * error).toFixed(0)} %`
     if (alike.share + 2 * alike.error < 0.5) return `the picture doesn't show the target here: it has ${percent(alike)} of its structure`
     const other = "the target isn't what is shown here:"
     if (divided.contrast > 1.05 * raw) {
         return `${other} division by it raises the contrast from ${raw.toFixed(3)} to ${divided.contrast.toFixed(3)}, and would lower that of a picture which shows it`
     }
-    const rest = ratio.map((value, k) => usable[k] * (value / divided.mean - 1)), counts = blockSums(usable, region)
-    const scatter = Math.hypot(...blockSums(rest.map(value => value * value), region).map((square, k) => square - divided.contrast ** 2 * counts[k]))
-    if (divided.contrast > 0 && divided.contrast - scatter / (divided.contrast * total(usable)) > 1) {
+    const rest = ratio.map((value, k) => usable[k] * (value / divided.mean - 1)), counts = blockSums(blocks, usable)
+    const squares = blockSums(blocks, rest, rest), variance = total(squares)
+    const scatter = Math.hypot(...squares.map((square, k) => square - divided.contrast ** 2 * counts[k]))
+    if (divided.contrast > 1.1 && divided.contrast - scatter / (divided.contrast * total(usable)) > 1) {
         return `${other} division by it leaves ${divided.contrast.toFixed(3)}, and speckle has 1 at most`
     }
     const structure = moments(wanted)
     if ((structure.std / structure.mean) ** 2 < 0.1 * divided.contrast ** 2) return ""
     const least = found => found.share - 2 * found.error, left = "of the variance that division leaves"
-    const levels = explained(rest, levelFeatures(wanted, usable), region)
+    const levels = explained(levelFeatures(rest, wanted, usable, blocks), variance)
     if (least(levels) > 0.2) return `${other} ${percent(levels)} ${left} follows its levels`
-    const edges = explained(rest, edgeFeatures(wanted, usable, region), region)
+    const edges = explained(edgeFeatures(rest, wanted, usable, region, blocks), variance)
     if (least(edges) > 0.1) return `${other} ${percent(edges)} ${left} follows its edges, as if it were displaced`
-    const places = inPlaces(rest, usable, region)
+    const places = inPlaces(rest, usable, blocks)
     if (least(places) > 0.1 && divided.contrast * Math.sqrt(places.share) > 0.1) return `${other} ${percent(places)} ${left} is in places alone`
     return ""
 }
