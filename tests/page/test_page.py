@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import ndimage
 
 import holoview as hv
 from holoview.holograms.metrics.fidelity import psnr_linear_srgb
+from holoview.holograms.metrics.likeness import luminance_contrast
 from holoview.holograms.metrics.speckle import speckle_contrast
 from holoview.holograms.targets.focal_stack import Target
 from holoview.light.colour import COLOUR_SPACES, SRGB_TO_XYZ, fitting_stops, srgb_decode
@@ -217,6 +219,37 @@ def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, 
     between = page.evaluate("region => window.holoview.measure(region)", box)
     assert between["contrast"] is None and "psnr_db" not in between
     assert between["withheld"].startswith("the page holds the target at 9.000 mm")
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+@pytest.mark.parametrize("how", ["right", "blurred", "displaced", "tone curve", "something else"])
+def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Written, how: str) -> None:
+    """A drawn scene with gamma-law speckle beside a target of 8-bit codes: the same contrast, blur and sentence."""
+    page, rng = open_page(browser, written.page), np.random.default_rng(4)
+    codes = np.kron(rng.integers(40, 230, (8, 12)), np.ones((9, 8))).astype(np.uint8)
+    linear = srgb_decode(codes / 255.0)
+    light = ndimage.gaussian_filter(linear, 2.0) if how == "blurred" else linear.copy()
+    light = np.roll(light, 4, axis=1) if how == "displaced" else light**0.4 if how == "tone curve" else light
+    light[20:40, 30:60] = 2.0 if how == "something else" else light[20:40, 30:60]
+    y = (light * ndimage.uniform_filter(rng.gamma(4, 0.25, light.shape), 3)).astype(np.float32)
+    region = (5, 4, 80, 60)
+    xyz, target = (np.repeat(of[..., None], 4, axis=-1) for of in (y, codes))
+    found = page.evaluate(
+        "d => speckle(Float32Array.from(d.xyz), d.width, d.region, Uint8Array.from(d.codes), d.luminance)",
+        {
+            "xyz": xyz.ravel().tolist(),
+            "codes": target.ravel().tolist(),
+            "width": y.shape[1],
+            "region": dict(zip(("x", "y", "width", "height"), region, strict=True)),
+            "luminance": SRGB_TO_XYZ[1].tolist(),
+        },
+    )
+    known = luminance_contrast(y, region, np.repeat(linear[..., None], 3, axis=-1))
+    assert (found["withheld"], found["blur_px"]) == (known.withheld, known.blur_px)
+    assert bool(known.withheld) == (how not in ("right", "blurred"))
+    if not known.withheld:
+        assert found["contrast"] == pytest.approx(known.estimate.contrast, rel=1e-9)
     assert browser.close_pages() == []
 
 
