@@ -251,7 +251,10 @@ def _mtf(args: argparse.Namespace, shown: _ShownHologram | None) -> list[dict[st
     """
     region = parse_region(args.edge)
     if shown is not None:
-        return edge_rows(shown.hologram, meter_from_args(args), region)
+        rows = edge_rows(shown.hologram, meter_from_args(args), region)
+        if all("no_edge" in row for row in rows):
+            raise UserError("--edge", rows[0]["no_edge"], expected="a region that a slanted edge divides")
+        return rows
     image = picture_luminance(Path(args.names[0]), is_linear=True).luminance
     found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
     return [{"plane": "", **found.as_json(None)}]
@@ -426,6 +429,8 @@ def _format_result(result: dict[str, Any], measured: _Measured) -> str:
 
 
 def _mtf_line(row: dict[str, Any]) -> str:
+    if "no_edge" in row:
+        return f"{row['plane']}: {row['no_edge']}"
     half, by_degree = row["half_cycles_a_sample"], row["half_cycles_a_degree"]
     words = "not below" if half is None else f"{half:.3f} cycles a sample"
     degrees = "" if by_degree is None else f", {by_degree:.3g} line pairs a degree"

@@ -758,7 +758,9 @@ def _format_scores(scores: dict[str, Any], system: System) -> list[str]:
         f"luminance PSNR {scores['psnr_luminance_db']:.2f} dB, mean CIEDE2000 {scores['delta_e']:.2f}"
         f"{_format_ms_ssim(scores)}",
         *_format_further(scores),
-        f"speckle contrast {scores['speckle_contrast']:.3f}",
+        f"speckle contrast withheld: {scores['speckle_withheld']}"
+        if scores["speckle_withheld"]
+        else f"speckle contrast {scores['speckle_contrast']:.3f}",
         f"eyebox: uniformity {scores['eyebox_uniformity']:.2f}, variation {scores['eyebox_variation']:.2f}",
     ]
 

@@ -71,15 +71,20 @@ def add_edge(parser: argparse.ArgumentParser) -> None:
 def edge_rows(hologram: Hologram, meter: Meter, region: Region) -> list[dict[str, Any]]:
     """The MTF across the edge in a region at each focal plane, with an instrument, for programs.
 
-    Raises UserError as `slanted_edge_mtf` does, and for a region outside.
+    "no_edge" says why there is none at a plane. Raises UserError for a region outside.
     """
     system = meter.bench(hologram.system)
     view = simulate(system, hologram.drive, focused_planes(system), backend="torch")
     rows = []
     for plane_m, xyz in zip(view.focus_m, view.xyz, strict=True):
         image = xyz[..., 1]
-        found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
-        rows.append({"plane": plane_label(system, float(plane_m)), **found.as_json(view.degrees_per_sample)})
+        checked_region(region, image.shape, "--edge")
+        row: dict[str, Any] = {"plane": plane_label(system, float(plane_m))}
+        try:
+            row |= slanted_edge_mtf(image, region).as_json(view.degrees_per_sample)
+        except UserError as error:
+            row["no_edge"] = error.found
+        rows.append(row)
     return rows
 
 

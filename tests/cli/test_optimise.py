@@ -112,6 +112,24 @@ def test_a_picture_with_a_black_middle_is_scored_all_over(holoview: Run, tmp_pat
     assert json.loads(outcome.out)["speckle_contrast"] > 0
 
 
+def test_the_contrast_of_the_scores_is_that_of_the_command_contrast(
+    holoview: Run, tmp_path: Path, picture: Path
+) -> None:
+    """One number by one method: the mean over the planes of what `contrast --target` states, or why none is."""
+    scores = json.loads(holoview("optimise", "simultaneous", picture, *QUICK, "--json", "-o", "h.safetensors").out)
+    planes_m = hv.load_hologram(tmp_path / "h.safetensors").system.planes_m
+    found = [
+        json.loads(
+            holoview("contrast", "h.safetensors", "--target", picture, "--plane", f"{z * 1e3:.9g} mm", "--json").out
+        )
+        for z in planes_m
+    ]
+    if scores["speckle_withheld"] is None:
+        assert scores["speckle_contrast"] == pytest.approx(np.mean([of["contrast"] for of in found]), rel=1e-3)
+    else:
+        assert scores["speckle_contrast"] is None and scores["speckle_withheld"] in [of["withheld"] for of in found]
+
+
 def test_a_hologram_too_small_to_be_scored_is_saved_all_the_same(holoview: Run, tmp_path: Path, picture: Path) -> None:
     tiny = ("--set", "shape=[2,2]", "--set", "propagation=periodic", "--iterations", "1")
     outcome = holoview("optimise", "simultaneous", picture, *tiny, "-o", "h.safetensors", "--json")

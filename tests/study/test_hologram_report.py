@@ -105,6 +105,16 @@ def test_sharpness_contrast_ratios_and_the_observer_are_in_it(folder: Path, tmp_
     assert next(claim["verdict"] for claim in found["claims"]) == "holds"
 
 
+def test_a_hologram_without_an_edge_gets_a_sentence(folder: Path, tmp_path: Path) -> None:
+    """Random patterns have no edge, which is no reason to measure nothing of them; a region outside stops all."""
+    names = ["holochrome-8", "--set", "shape=[48,64]"]
+    assert cli.main(["report", *names, "--edge", "14,20,40,40", "-o", str(tmp_path / "r.html")]) == 0
+    (found,) = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["holograms"]
+    assert found["contrast"] > 0 and all("no edge" in row["no_edge"] for row in found["mtf_of_edge"])
+    assert "no edge" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert cli.main(["report", *names, "--edge", "140,20,400,40", "-o", str(tmp_path / "r.html")]) == 2
+
+
 def test_a_withheld_contrast_has_no_verdict(folder: Path, tmp_path: Path) -> None:
     names = [str(folder / f"{name}.safetensors") for name in ("one", "two")]
     more = ("--target", str(folder / "picture.png"), "--claim", "C < 0.9", "--region", "10,10,100,80")

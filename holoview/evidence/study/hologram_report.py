@@ -481,6 +481,8 @@ def _mtf_words(mtf: Mtf, view: View) -> str:
 
 
 def _edge_words(row: Mapping[str, Any]) -> str:
+    if "no_edge" in row:
+        return str(row["no_edge"])
     half, by_degree = row["half_cycles_a_sample"], row["half_cycles_a_degree"]
     if half is None:
         return "not below a half"

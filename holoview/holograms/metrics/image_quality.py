@@ -28,6 +28,7 @@ from holoview.holograms.files.light_file import is_light_file, read_light
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
 from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
+from holoview.holograms.metrics.likeness import luminance_contrast
 from holoview.holograms.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve, speckle_contrast
 from holoview.holograms.optimise.eyes import PupilPlaces
 from holoview.holograms.targets.picture import read_picture
@@ -245,6 +246,7 @@ def score_hologram(
     view, target, held_out = images.view, images.target, images.held_out_m
     count = len(view.planes_m) - len(held_out)
     quality = _measure(view.at(range(count)), target[:count], region)
+    contrast, withheld = _contrast_of_planes(*_cropped(view.at(range(count)), target[:count], region))
     eyebox = eyebox_uniformity_of(hologram)
     perceptual = measure_perceptual_scores(*_cropped(view.at(range(count)), target[:count], region), further)
     between = [_measure(view.at([i]), target[i : i + 1], region) for i in range(count, len(view.planes_m))]
@@ -260,7 +262,8 @@ def score_hologram(
         "ms_ssim_scales": None if quality.ms_ssim is None else quality.ms_ssim.scales,
         **{name: score.mean for name, score in perceptual.items()},
         **{f"{name}_planes": list(score.planes) for name, score in perceptual.items()},
-        "speckle_contrast": quality.mean_speckle_contrast,
+        "speckle_contrast": contrast,
+        "speckle_withheld": withheld,
         "eyebox_uniformity": eyebox.uniformity,
         "eyebox_variation": eyebox.coefficient_of_variation,
         "eyebox_centre_share": eyebox.centre_share,
@@ -271,6 +274,15 @@ def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:
     """Quality of a view beside its target (plane, y, x, 3) inside a region."""
     view, target = _cropped(view, target, region)
     return measure_image_quality(view, target, _speckle_region(target))
+
+
+def _contrast_of_planes(view: View, target: Floats) -> tuple[float | None, str | None]:
+    """The mean over planes of the contrast that `contrast --target` states, and None; or None, and why it is withheld."""
+    region = _speckle_region(target) or central_region(target.shape[1:3])
+    found = [luminance_contrast(xyz[..., 1], region, own) for xyz, own in zip(view.xyz, target, strict=True)]
+    if withheld := next((of.withheld for of in found if of.withheld), None):
+        return None, withheld
+    return float(np.mean([of.estimate.contrast for of in found])), None
 
 
 def _cropped(view: View, target: Floats, region: Region | None) -> tuple[View, Floats]:

@@ -30,9 +30,9 @@ and where something else stands in some places,
 A contrast is withheld where, by two standard errors,
 
     b is below a half,
-    levels is above a fifth: C, whose square it adds to, would be a tenth too large,
-    edges or places is above a tenth, which tell half of such structure at most: of a displacement the first order, of an
-    object its mean over blocks; light in places that is even to 10 % r.m.s. is what displays show, and only said,
+    levels or places is above a fifth: C, whose square it adds to, would be a tenth too large; light in places that is even
+    to 10 % r.m.s. is what displays show, and only said,
+    edges is above a tenth, as the first order is half of what a displacement leaves at most,
     C is above 1, all that speckle has, and by a tenth: its standard error is √(Σ_k (q_k − C²·n_k)²)/(2·C·n), q_k being
     the sum of r² over the n_k samples of a block,
 
@@ -68,13 +68,13 @@ LEAST_SHARE = 0.5
 MOST_LEFT = 0.2
 """Share of the square of a contrast that isn't speckle above which, by two standard errors, it is withheld."""
 
-WIDTHS = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+WIDTHS = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Standard deviations of the blur by which a picture may show its target, in samples."""
 
 _BLOCKS, _LEVELS = 8, 8
 _SIGMAS = 2.0
 _LEAST_STRUCTURE = 0.1  # C_T² over C², from which what is left of a target is judged
-_MOST_SEEN = 0.1  # of the variance left, as edges or in places
+_MOST_EDGES = 0.1  # of the variance left
 _MOST_ADDED, _MOST_OF_SPECKLE = 1.05, 1.1  # of the contrast by division; a contrast that is a tenth too large
 _MOST_UNEVEN = 0.1  # r.m.s. of the brightness
 _OUTLIER, _MAD = 5.0, 1.4826  # standard deviations of a block; a normal law's over the median deviation
@@ -108,7 +108,7 @@ class StructureLeft:
     @property
     def is_uneven(self) -> bool:
         """Whether so much of it is in some places that it must be said."""
-        return self.places.at_least > _MOST_SEEN
+        return self.places.at_least > MOST_LEFT
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +179,7 @@ def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpeckleP
         return ""
     for share, most, what in (
         (left.levels, MOST_LEFT, "levels"),
-        (left.edges, _MOST_SEEN, "edges, as if it were displaced"),
+        (left.edges, _MOST_EDGES, "edges, as if it were displaced"),
     ):
         if share.at_least > most:
             return (

@@ -31,9 +31,9 @@ function moments(values) {
     return { mean, std: Math.sqrt(squares / values.length) }
 }
 
-const BLUR_WIDTHS = [0, 0.5, 0.7, 1, 1.4, 2, 2.8, 4, 5.6, 8] // samples, as WIDTHS of holoview/holograms/metrics/likeness.py
+const BLUR_WIDTHS = [0, 0.5, 0.7, 1, 1.4, 2, 2.8, 4] // samples, as WIDTHS of holoview/holograms/metrics/likeness.py
 
-const MARGIN = 32 // samples that the widest blur brings in
+const MARGIN = 16 // samples that the widest blur brings in
 
 // Luminance of a region of a target of 8-bit sRGB codes (y, x, 4) with MARGIN samples around it; the border of the picture
 // goes on beyond it. luminance: row of the matrix sRGB to XYZ.
@@ -196,7 +196,7 @@ function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
     const edges = explained(edgeFeatures(rest, wanted, usable, region, blocks), variance)
     if (least(edges) > 0.1) return `${other} ${percent(edges)} ${left} follows its edges, as if it were displaced`
     const places = inPlaces(rest, usable, blocks)
-    if (least(places) > 0.1 && divided.contrast * Math.sqrt(places.share) > 0.1) return `${other} ${percent(places)} ${left} is in places alone`
+    if (least(places) > 0.2 && divided.contrast * Math.sqrt(places.share) > 0.1) return `${other} ${percent(places)} ${left} is in places alone`
     return ""
 }
 
