@@ -110,8 +110,9 @@ def test_a_hologram_without_an_edge_gets_a_sentence(folder: Path, tmp_path: Path
     names = ["holochrome-8", "--set", "shape=[48,64]"]
     assert cli.main(["report", *names, "--edge", "14,20,40,40", "-o", str(tmp_path / "r.html")]) == 0
     (found,) = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["holograms"]
-    assert found["contrast"] > 0 and all("no edge" in row["no_edge"] for row in found["mtf_of_edge"])
-    assert "no edge" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert found["contrast"] > 0 and any("no_edge" in row for row in found["mtf_of_edge"])
+    said = next(row["no_edge"] for row in found["mtf_of_edge"] if "no_edge" in row)
+    assert said in (tmp_path / "r.html").read_text(encoding="utf-8")
     assert cli.main(["report", *names, "--edge", "140,20,400,40", "-o", str(tmp_path / "r.html")]) == 2
 
 
@@ -120,7 +121,7 @@ def test_a_withheld_contrast_has_no_verdict(folder: Path, tmp_path: Path) -> Non
     more = ("--target", str(folder / "picture.png"), "--claim", "C < 0.9", "--region", "10,10,100,80")
     assert cli.main(["report", *names, *more, "-o", str(tmp_path / "r.html")]) == 0
     one, two = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["holograms"]
-    assert one["contrast"] is not None and one["withheld"] is None
+    assert one["withheld"] is None and one["contrast"] is not None
     assert two["contrast"] is None and "doesn't show the target" in two["withheld"]
     assert [claim["verdict"] for claim in (*one["claims"], *two["claims"])] == ["holds", "not measured"]
     page = (tmp_path / "r.html").read_text(encoding="utf-8")

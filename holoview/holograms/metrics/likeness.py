@@ -30,9 +30,9 @@ and where something else stands in some places,
 A contrast is withheld where, by two standard errors,
 
     b is below a half,
-    levels or places is above a fifth: C, whose square it adds to, would be a tenth too large; light in places that is even
-    to 10 % r.m.s. is what displays show, and only said,
-    edges is above a tenth, as the first order is half of what a displacement leaves at most,
+    levels or places is above a fifth: C, whose square it adds to, would be a tenth too large,
+    edges is above 0.15, as the first order isn't all that a displacement leaves; what is even to 10 % r.m.s.,
+    as displays are, is only said,
     C is above 1, all that speckle has, and by a tenth: its standard error is √(Σ_k (q_k − C²·n_k)²)/(2·C·n), q_k being
     the sum of r² over the n_k samples of a block,
 
@@ -74,7 +74,7 @@ WIDTHS = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 _BLOCKS, _LEVELS = 8, 8
 _SIGMAS = 2.0
 _LEAST_STRUCTURE = 0.1  # C_T² over C², from which what is left of a target is judged
-_MOST_EDGES = 0.1  # of the variance left
+_MOST_EDGES = 0.15  # of the variance left
 _MOST_ADDED, _MOST_OF_SPECKLE = 1.05, 1.1  # of the contrast by division; a contrast that is a tenth too large
 _MOST_UNEVEN = 0.1  # r.m.s. of the brightness
 _OUTLIER, _MAD = 5.0, 1.4826  # standard deviations of a block; a normal law's over the median deviation
@@ -106,9 +106,14 @@ class StructureLeft:
     places: Likeness
 
     @property
-    def is_uneven(self) -> bool:
-        """Whether so much of it is in some places that it must be said."""
-        return self.places.at_least > MOST_LEFT
+    def doubtful(self) -> list[tuple[Likeness, str]]:
+        """Those that are too large, and what they do."""
+        limits = (
+            (self.levels, MOST_LEFT, "follows its levels"),
+            (self.edges, _MOST_EDGES, "follows its edges, as if it were displaced"),
+            (self.places, MOST_LEFT, "is in places alone"),
+        )
+        return [(share, what) for share, most, what in limits if share.at_least > most]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,20 +182,12 @@ def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpeckleP
         return f"the target isn't what is shown here: division by it leaves {contrast:.3f}, and speckle has 1 at most"
     if left is None:
         return ""
-    for share, most, what in (
-        (left.levels, MOST_LEFT, "levels"),
-        (left.edges, _MOST_EDGES, "edges, as if it were displaced"),
-    ):
-        if share.at_least > most:
+    for share, what in left.doubtful:
+        if contrast * math.sqrt(share.share) > _MOST_UNEVEN:
             return (
                 f"the target isn't what is shown here: {100 * share.share:.0f} ± {100 * share.standard_error:.0f} % of "
-                f"the variance that division leaves follows its {what}"
+                f"the variance that division leaves {what}"
             )
-    if left.is_uneven and contrast * math.sqrt(left.places.share) > _MOST_UNEVEN:
-        return (
-            f"the target isn't what is shown here: {100 * left.places.share:.0f} ± "
-            f"{100 * left.places.standard_error:.0f} % of the variance that division leaves is in places alone"
-        )
     return ""
 
 

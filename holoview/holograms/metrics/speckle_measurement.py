@@ -272,11 +272,12 @@ def measure_speckle(
         notes.append("the target is black in the region: its structure isn't divided out")
     if estimate.noise_share > 0 and estimate.contrast == 0:
         notes.append("the camera's noise explains all of the variance: no speckle is left")
-    if measured.has_target and measured.left is not None and measured.left.is_uneven:
-        notes.append(
-            f"the picture is uneven by {100 * estimate.contrast * math.sqrt(measured.left.places.share):.0f} % r.m.s. "
-            "beside its target: the contrast counts that as speckle, and comes out too high"
-        )
+    if measured.has_target and measured.left is not None:
+        notes += [
+            f"{100 * of.share:.0f} ± {100 * of.standard_error:.0f} % of the variance beside the target {what}, which "
+            "speckle doesn't: the contrast comes out too high"
+            for of, what in measured.left.doubtful
+        ]
     if estimate.has_few_grains:
         notes.append(
             f"the region holds {estimate.grains.count:.0f} independent grains only: its contrast and the standard "

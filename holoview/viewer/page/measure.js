@@ -190,13 +190,15 @@ function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
     }
     const structure = moments(wanted)
     if ((structure.std / structure.mean) ** 2 < 0.1 * divided.contrast ** 2) return ""
-    const least = found => found.share - 2 * found.error, left = "of the variance that division leaves"
-    const levels = explained(levelFeatures(rest, wanted, usable, blocks), variance)
-    if (least(levels) > 0.2) return `${other} ${percent(levels)} ${left} follows its levels`
-    const edges = explained(edgeFeatures(rest, wanted, usable, region, blocks), variance)
-    if (least(edges) > 0.1) return `${other} ${percent(edges)} ${left} follows its edges, as if it were displaced`
-    const places = inPlaces(rest, usable, blocks)
-    if (least(places) > 0.2 && divided.contrast * Math.sqrt(places.share) > 0.1) return `${other} ${percent(places)} ${left} is in places alone`
+    const limits = [
+        [explained(levelFeatures(rest, wanted, usable, blocks), variance), 0.2, "follows its levels"],
+        [explained(edgeFeatures(rest, wanted, usable, region, blocks), variance), 0.15, "follows its edges, as if it were displaced"],
+        [inPlaces(rest, usable, blocks), 0.2, "is in places alone"],
+    ]
+    for (const [found, most, what] of limits) {
+        const isDoubtful = found.share - 2 * found.error > most && divided.contrast * Math.sqrt(found.share) > 0.1
+        if (isDoubtful) return `${other} ${percent(found)} of the variance that division leaves ${what}`
+    }
     return ""
 }
 
