@@ -76,6 +76,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "rig_placed_diagnosis": ("--benches 1 --seconds 1",),
     "soak": ("--minutes 0.05",),
     "viewer": ("--size 320x200 --shape 48x32 --events 2",),
+    "target_rates": ("--seeds 1",),
 }
 """The arguments of each program at its smallest size, of several calls where one reads what the other writes."""
 ON_A_DEVICE = {
