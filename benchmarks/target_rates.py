@@ -2,8 +2,8 @@
 
     python -m benchmarks.target_rates --seeds 20
 
-Each picture is a scene times speckle of a known contrast, sharp or blurred, measured as the viewer and `holoview contrast`
-do. README.md explains the columns.
+Each picture is a scene times speckle of a known contrast, sharp or blurred, measured as the viewer and `holoview
+contrast` do. README.md explains the columns.
 """
 
 from __future__ import annotations
@@ -78,11 +78,14 @@ def rates(seeds: int) -> dict[str, list[float]]:
         for patterns in PATTERNS:
             speckle = _speckle(np.random.default_rng([seed, patterns]), patterns)
             known = luminance_contrast(speckle, region).estimate.contrast
-            for number, (name, scene) in enumerate(scenes.items()):
+            for number, scene in enumerate(scenes.values()):
                 other = list(scenes.values())[(number + 1) % len(scenes)]
                 for blur in BLURS:
                     picture = (gaussian_filter(scene, blur, mode="nearest") if blur else scene) * speckle
-                    for kind, target in {**{k: make(scene) for k, make in WRONG.items()}, "another picture": other}.items():
+                    for kind, target in {
+                        **{k: make(scene) for k, make in WRONG.items()},
+                        "another picture": other,
+                    }.items():
                         of = luminance_contrast(picture, region, np.repeat(target[..., None], 3, axis=-1))
                         found[kind].append(np.nan if of.withheld else of.estimate.contrast / known)
     return found
@@ -93,7 +96,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     args = parser.parse_args(arguments)
-    print("| target | pictures | withheld | stated, within 10 % | stated, more than 10 % too high | too low | largest |")
+    print(
+        "| target | pictures | withheld | stated, within 10 % | stated, more than 10 % too high | too low | largest |"
+    )
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for name, values in rates(args.seeds).items():
         ratio = np.array(values)

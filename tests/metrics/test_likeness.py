@@ -73,7 +73,9 @@ def _scene(seed: int) -> np.ndarray:
     return scene / scene.mean()
 
 
-@pytest.mark.parametrize(("blur", "least", "most"), [(0.0, 0.0, 0.0), (1.0, 0.7, 1.4), (2.5, 2.0, 2.8), (3.5, 2.8, 4.0)])
+@pytest.mark.parametrize(
+    ("blur", "least", "most"), [(0.0, 0.0, 0.0), (1.0, 0.7, 1.4), (2.5, 2.0, 2.8), (3.5, 2.8, 4.0)]
+)
 def test_a_target_is_divided_out_at_the_resolution_that_the_picture_shows(
     blur: float, least: float, most: float
 ) -> None:

@@ -6,11 +6,11 @@ and taken as independent; (b) from the light of all lasers together. Lasers that
 aren't independent, so that (a) and (b) differ. Chromaticity stretches where light is short; Jzazbz
 (Safdar, Cui, Kim & Luo, Opt. Express 25, 15131 (2017)) is nearly uniform, and has lightness too.
 
-A camera's noise scatters colours as well. It is independent from pixel to pixel and from channel to channel, so that its
-covariance adds to that of the speckle. With the standard deviation σ_l of the noise of channel l in a pixel, the change
-Δ_l = (f(s + σ_l) − f(s − σ_l))/2 of its colour f gives the mean of Σ_l Δ_l·Δ_lᵀ over the pixels, which is taken off, and
-the curvature Σ_l (f(s + σ_l) + f(s − σ_l) − 2f(s))/2 is taken off the mean. Both are exact to the second order in σ/s:
-pixels whose light isn't five times its noise have no colour, and don't count.
+A camera's noise scatters colours as well. It is independent from pixel to pixel and from channel to channel, so that
+its covariance adds to that of the speckle. With the standard deviation σ_l of the noise of channel l in a pixel, the
+change Δ_l = (f(s + σ_l) − f(s − σ_l))/2 of its colour f gives the mean of Σ_l Δ_l·Δ_lᵀ over the pixels, which is taken
+off, and the curvature Σ_l (f(s + σ_l) + f(s − σ_l) − 2f(s))/2 is taken off the mean. Both are exact to the second order
+in σ/s: pixels whose light isn't five times its noise have no colour, and don't count.
 """
 
 from __future__ import annotations
@@ -131,9 +131,7 @@ def colour_speckle(
     )
 
 
-def _with_noise(
-    colour: Callable[[Floats], Floats], samples: Floats, changes: Floats
-) -> tuple[Floats, Floats, Floats]:
+def _with_noise(colour: Callable[[Floats], Floats], samples: Floats, changes: Floats) -> tuple[Floats, Floats, Floats]:
     """Colours (n, k) of samples (n, 3), and what noise adds to their mean (k,) and to their covariance (k, k).
 
     changes: (channel, n, 3), by one standard deviation of each channel's noise.

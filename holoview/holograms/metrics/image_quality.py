@@ -27,8 +27,8 @@ from holoview.holograms.files.image_reader import Raster, read_raster
 from holoview.holograms.files.light_file import is_light_file, read_light
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
-from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
 from holoview.holograms.metrics.likeness import luminance_contrast
+from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
 from holoview.holograms.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve, speckle_contrast
 from holoview.holograms.optimise.eyes import PupilPlaces
 from holoview.holograms.targets.picture import read_picture
@@ -277,7 +277,7 @@ def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:
 
 
 def _contrast_of_planes(view: View, target: Floats) -> tuple[float | None, str | None]:
-    """The mean over planes of the contrast that `contrast --target` states, and None; or None, and why it is withheld."""
+    """The mean over planes of the contrast that `contrast --target` states and None, or None and why it is withheld."""
     region = _speckle_region(target) or central_region(target.shape[1:3])
     found = [luminance_contrast(xyz[..., 1], region, own) for xyz, own in zip(view.xyz, target, strict=True)]
     if withheld := next((of.withheld for of in found if of.withheld), None):

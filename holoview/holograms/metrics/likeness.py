@@ -4,15 +4,15 @@ Only of a picture I = g·M·s that shows its target T as M can the structure of 
 
 **The resolution.** A hologram of few pixels or iterations shows T as its stops, its grid and its patterns allow:
 M = h∗T, h a Gaussian of standard deviation w. With picture and target over their means, y = I − 1 and x = h∗T − 1, w is
-that of `WIDTHS` at which the picture is best a multiple of the target, Σ(y − b·x)² being least: no other choice leaves
+that of `WIDTHS` at which the picture is best a multiple of the target, Σ(y − b·x)² being least: no other leaves
 the mean of the ratio I/M free of T. It is sought from fine to coarse, up to the first that is worse.
 
-**The share.** The slope b = Σ x·y / Σ x² is the share of the target's structure that the picture has: 1 where the speckle
-s is independent of T, 0 where the picture is, and m/(m + c) for a target of mean m in even stray light c. Its standard
-error is that of a ratio of sums over blocks: Σ_k (n_k − b·d_k)² over (Σ d_k)² is its square, n and d being the sums of
+**The share.** The slope b = Σ x·y / Σ x² is the share of the target's structure that the picture has: 1 where the
+speckle s is independent of T, 0 where the picture is, and m/(m + c) for a target of mean m in even stray light c. Its
+standard error is that of a ratio of sums over blocks: Σ_k (n_k − b·d_k)² over (Σ d_k)² is its square, n and d being the sums of
 x·y and x² in each of 8 × 8 blocks.
 
-**What is left.** In r = I/(g·M) − 1 nothing but speckle is left, which knows nothing of T: it has no correlation with any
+**What is left.** In r = I/(g·M) − 1 nothing but speckle is left, which knows nothing of T: it isn't correlated with any
 function f of T, and none over more than a grain. With the sums e_k of r·f over the blocks, which are independent,
 
     ((Σ e_k)² − Σ e_k²)/(Σ f²·Σ r²) ± √2·Σ e_k²/(Σ f²·Σ r²)
@@ -175,8 +175,8 @@ def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpeckleP
     contrast = pattern.contrast.contrast
     if contrast > _MOST_ADDED * raw:
         return (
-            f"the target isn't what is shown here: division by it raises the contrast from {raw:.3f} to {contrast:.3f}, "
-            "and would lower that of a picture which shows it"
+            f"the target isn't what is shown here: division by it raises the contrast from {raw:.3f} to {contrast:.3f}"
+            ", and would lower that of a picture which shows it"
         )
     if contrast > _MOST_OF_SPECKLE and contrast - _SIGMAS * _error_of_blocks(pattern) > 1:
         return f"the target isn't what is shown here: division by it leaves {contrast:.3f}, and speckle has 1 at most"
@@ -223,7 +223,9 @@ def _left_by_slope(values: Floats, shown: Floats) -> float:
     return 1.0 - float((x * y).sum()) ** 2 / squares if squares > 0 else 1.0
 
 
-def _with_margin(region: Region, shape: tuple[int, ...], blur_px: float) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+def _with_margin(
+    region: Region, shape: tuple[int, ...], blur_px: float
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
     """The part of an image that a blur brings into a region, and the region in that part."""
     margin, window = _radius(blur_px), region_slices(region)
     firsts = [max(of.start - margin, 0) for of in window]
@@ -246,9 +248,7 @@ def _blurred(image: Floats, blur_px: float) -> Floats:
     for axis in (0, 1):
         edges = [(radius, radius) if a == axis else (0, 0) for a in range(image.ndim)]
         padded, n = np.pad(image, edges, mode="edge"), image.shape[axis]
-        image = sum(
-            weight * np.take(padded, np.arange(k, k + n), axis=axis) for k, weight in enumerate(kernel)
-        )  # type: ignore[assignment]
+        image = sum(weight * np.take(padded, np.arange(k, k + n), axis=axis) for k, weight in enumerate(kernel))
     return image
 
 

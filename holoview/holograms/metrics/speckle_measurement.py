@@ -4,8 +4,8 @@ In the manner of IEC 62906-5-2:2016 (contrast) and IEC 62906-5-4:2018 (colour sp
 projection: a near-eye display has no screen, so that they are followed as far as that allows.
 
 The contrast of the luminance is that of `likeness.luminance_contrast`, which the viewer shows: of I/(g·T), the
-structure of a target T being divided out, at the resolution that the picture shows, where the picture shows it; where it
-doesn't, only raw numbers are stated.
+structure of a target T being divided out, at the resolution that the picture shows, where the picture shows it; where
+it doesn't, only raw numbers are stated.
 The structure of the light of one laser is the mixture of the target's red, green and blue, none of them negative, that
 fits it best.
 
@@ -99,8 +99,8 @@ class SpeckleMeasurement:
     region: (x, y, width, height). luminance: of all lasers together. mean, pixels: mean luminance, and the pixels that
     count. pattern: the speckle of the luminance. raw_contrast: with the structure of
     the picture. has_target: whether that was divided out of the others. withheld: why the contrast isn't to be stated,
-    "" where it is; `luminance` is then raw, and the lasers aren't measured. likeness, blur_px, left: beside a target, as
-    of `LuminanceContrast`.
+    "" where it is; `luminance` is then raw, and the lasers aren't measured. likeness, blur_px, left: beside a target,
+    as of `LuminanceContrast`.
     lasers: of those with light. groups: by the names of `GROUPS`. correlation: (laser, laser) of the patterns.
     colour, independent_colour: colour speckle as measured, and of independent lasers of the same contrasts; None in the
     dark and of an image without colours. notes: what limits the numbers, as sentences.
@@ -325,7 +325,7 @@ def _with_lasers(
     relative = np.stack([pattern.values[usable] / pattern.values[usable].mean() for pattern in patterns])
     contrasts = np.array([estimate.contrast for estimate in estimates])
     dark = len(powers) - len(lit)
-    notes = (f"{dark} of {len(powers)} lasers have no light that is seen here",) if dark else ()
+    notes: tuple[str, ...] = (f"{dark} of {len(powers)} lasers have no light that is seen here",) if dark else ()
     colour, independent_colour = None, None
     if lasers.colours is not None:
         means = powers[lit, None] * lasers.colours[lit]

@@ -35,6 +35,7 @@ from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import Light, exceeded_limits
+from holoview.light.numerics.sampling import region_slices
 from holoview.util.errors import UserError
 from holoview.util.processes import LatestTask, are_same
 from holoview.viewer.document.document import Document
@@ -176,10 +177,11 @@ def contrast_by_wavelength(
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
     if not order:
         raise UserError("lasers", "none that can be seen is on", remedy="switch one on")
-    total, sums = np.zeros(()), []
+    total: Floats = np.zeros(())
+    sums = list[Floats]()
     for laser in order:
         total = total + np.asarray(luminance(laser), dtype=np.float64)
-        sums.append(crop(total, region))
+        sums.append(total[region_slices(region)])
     together = luminance_contrast(total, region, target)
     shown = None if target is None else shown_target(target, region, together.blur_px)
     estimates = [*(contrast_estimate(laser_pattern(some, shown)) for some in sums[:-1]), together.estimate]
