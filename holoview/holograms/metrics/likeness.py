@@ -9,8 +9,8 @@ the mean of the ratio I/M free of T. It is sought from fine to coarse, up to the
 
 **The share.** The slope b = Σ x·y / Σ x² is the share of the target's structure that the picture has: 1 where the
 speckle s is independent of T, 0 where the picture is, and m/(m + c) for a target of mean m in even stray light c. Its
-standard error is that of a ratio of sums over blocks: Σ_k (n_k − b·d_k)² over (Σ d_k)² is its square, n and d being the sums of
-x·y and x² in each of 8 × 8 blocks.
+standard error is that of a ratio of sums over blocks: Σ_k (n_k − b·d_k)² over (Σ d_k)² is its square, n and d being the
+sums of x·y and x² in each of 8 × 8 blocks.
 
 **What is left.** In r = I/(g·M) − 1 nothing but speckle is left, which knows nothing of T: it isn't correlated with any
 function f of T, and none over more than a grain. With the sums e_k of r·f over the blocks, which are independent,
