@@ -149,7 +149,7 @@ def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None
 def _likeness_lines(alike: Likeness, blur_px: float, left: StructureLeft | None) -> list[str]:
     if not math.isfinite(alike.standard_error):
         return []
-    blur = f", blurred by {blur_px:g} samples r.m.s.," if blur_px else ""
+    blur = f", blurred by {blur_px:g} samples" if blur_px else ""
     lines = [f"the picture has {_percent(alike)} of the target's structure{blur}"]
     if left is not None:
         lines.append(
