@@ -642,8 +642,7 @@ def _pixel_axis(grid: Grid, axis: int, slope: float, band: FrequencyBand, dtype:
 
 
 _SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs
-_SPARE_SAMPLES = 14  # that interpolation needs at the edges
-_SPARE_WIDTH = 1.05  # of the finer grid, against the circle around the camera
+_SPARE_SAMPLES = 24  # that interpolation needs at the edges: seven beyond each, on a line at up to half a radian
 
 
 class FourierBenchModel(CameraModel):
@@ -691,13 +690,14 @@ class FourierBenchModel(CameraModel):
         point_grid = PixelGrid(self.pixel_grid.pitch_m / points, shape)
         if pose.rotation_rad == 0:
             return mean_over_pixels(self._intensity_at_pixels(field, component, point_grid, pose, nodes), points)
-        finer = self._finer_grid(component, pose)
-        unrotated = self._intensity_at_pixels(field, component, finer, Pose(), _MIDDLE)
+        finer = self._finer_grid(component, pose, point_grid)
         (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
+        around = Pose(shift_m=(-c * finer.pitch_m, -f * finer.pitch_m))  # the middle of the camera
+        unrotated = self._intensity_at_pixels(field, component, finer, around, _MIDDLE)
         scale = point_grid.pitch_m / finer.pitch_m
         total = torch.zeros(shape, dtype=self.real_dtype)
         for (y, weight_y), (x, weight_x) in product(nodes, nodes):
-            moved = c + scale * (a * y + b * x), f + scale * (d * y + e * x)
+            moved = scale * (a * y + b * x), scale * (d * y + e * x)
             source = ((a * scale, b * scale, moved[0]), (d * scale, e * scale, moved[1]))
             total = total + weight_y * weight_x * band_limited_warp(unrotated, source, shape)
         return mean_over_pixels(total, points)
@@ -769,10 +769,11 @@ class FourierBenchModel(CameraModel):
         modulator = self.plan.system.modulators[0]
         return self.wavelength_m(component) * self.focal_length_m / (max(modulator.shape) * modulator.pitch_m)
 
-    def _finer_grid(self, component: IncoherentComponent, pose: Pose) -> PixelGrid:
-        """A square grid that covers the rotated camera, with at least _SAMPLES_PER_SPECKLE samples in a speckle."""
-        speckle_m = self._speckle_m(component)
-        pitch_m = min(self.pixel_grid.pitch_m, speckle_m / _SAMPLES_PER_SPECKLE)
-        reach_m = math.hypot(*self.pixel_grid.shape) * self.pixel_grid.pitch_m + 2 * math.hypot(*pose.shift_m)
-        samples = math.ceil(_SPARE_WIDTH * reach_m / pose.magnification / pitch_m) + _SPARE_SAMPLES
-        return PixelGrid(pitch_m, (samples, samples))
+    def _finer_grid(self, component: IncoherentComponent, pose: Pose, points: PixelGrid) -> PixelGrid:
+        """A grid around the middle of a rotated camera that covers its points, with at least _SAMPLES_PER_SPECKLE
+        samples in a speckle."""
+        pitch_m = min(self.pixel_grid.pitch_m, self._speckle_m(component) / _SAMPLES_PER_SPECKLE)
+        rows, columns = (n * points.pitch_m / pitch_m for n in points.shape)
+        sides = (abs(a) * rows + abs(b) * columns for a, b, _ in pose.inverse_affine(pitch_m))
+        height, width = (math.ceil(side) + _SPARE_SAMPLES for side in sides)
+        return PixelGrid(pitch_m, (height, width))

@@ -7,6 +7,7 @@ bright pixels, in squares, is held out of a search.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import torch
@@ -28,6 +29,7 @@ _DARK, _BRIGHT, _LEAST_LIGHT = 0.02, 0.99, 0.05
 """Quantiles of the local mean of dark and of the brightest pixels, and how far between them light has to be to count:
 in near fields most of a picture may be dark, and a contrast of noise there."""
 _MOST_VALUES = 100_000  # of which quantiles are taken
+_BLOCK_ROWS = 64  # of the matrix of a mean, that are multiplied together
 
 
 def window_of(captures: Captures, size: tuple[int, int]) -> Captures:
@@ -96,12 +98,24 @@ class SpeckleMeasure:
         return low / (low + mean + 1e-9 * mean.max())
 
 
-def _blurred(pictures: Tensor, windows: list[Tensor]) -> Tensor:
-    return windows[0] @ pictures @ windows[1].T
+_Window = list[tuple[slice, Tensor]]
+"""Blocks of rows of the matrix of a mean, each with the samples whose weights aren't nothing."""
 
 
-def _window(count: int, sigma: float) -> Tensor:
-    """The matrix (count, count) of a Gaussian mean that is normalised at the edges."""
+def _blurred(pictures: Tensor, windows: list[_Window]) -> Tensor:
+    for window in windows:  # along y, then along x
+        pictures = torch.cat([block @ pictures[..., near, :] for near, block in window], dim=-2).transpose(-2, -1)
+    return pictures
+
+
+def _window(count: int, sigma: float) -> _Window:
+    """The matrix (count, count) of a Gaussian mean that is normalised at the edges; single precision needs no more than
+    six standard deviations of it."""
     index = torch.arange(count, dtype=torch.float32)
     weights = torch.exp(-0.5 * ((index[:, None] - index[None, :]) / sigma).square())
-    return weights / weights.sum(dim=1, keepdim=True)
+    weights = weights / weights.sum(dim=1, keepdim=True)
+    reach, blocks = math.ceil(6 * sigma), []
+    for first in range(0, count, _BLOCK_ROWS):
+        near = slice(max(0, first - reach), min(count, first + _BLOCK_ROWS + reach))
+        blocks.append((near, weights[first : first + _BLOCK_ROWS, near].contiguous()))
+    return blocks
