@@ -40,18 +40,19 @@ def retrieved_placement(
     """
     found = []
     for placement in placements[:_PLACEMENTS]:
-        retrieval = LightRetrieval(_part(captures_of, placement, 1.0))
-        starts = [(retrieval.start(stroke), 1.0) for stroke in _STROKES]
-        best = max(starts, key=lambda pair: pair[0].correlation)
+        nominal = _part(captures_of, placement, 1.0)
+        retrieval = LightRetrieval(nominal)
+        starts = [(retrieval.start(stroke), retrieval, nominal, 1.0) for stroke in _STROKES]
+        best = max(starts, key=lambda one: one[0].correlation)
         for step in _SCALE_STEPS:
             factor = 1 + step * _SCALE_STEP
-            starts.append((LightRetrieval(_part(captures_of, placement, factor)).start(best[0].stroke), factor))
-        starts.sort(key=lambda pair: -pair[0].correlation)
-        for start, factor in starts[:_REFINED]:
-            retrieval = LightRetrieval(_part(captures_of, placement, factor))
-            found.append((retrieval.ascend(start, _STEPS), retrieval, placement, factor))
-    light, retrieval, placement, factor = max(found, key=lambda one: one[0].held_out)
-    part = _part(captures_of, placement, factor)
+            part = _part(captures_of, placement, factor)
+            retrieval = LightRetrieval(part)
+            starts.append((retrieval.start(best[0].stroke), retrieval, part, factor))
+        starts.sort(key=lambda one: -one[0].correlation)
+        for start, retrieval, part, factor in starts[:_REFINED]:
+            found.append((retrieval.ascend(start, _STEPS), retrieval, part, placement, factor))
+    light, retrieval, part, placement, factor = max(found, key=lambda one: one[0].held_out)
     others = range(_OTHERS if light.held_out > _LEAST else 0)
     chance = max((_by_chance(part, light.stroke, seed) for seed in others), default=_LEAST)
     matches = retrieval.matches(light, chance)
