@@ -37,7 +37,7 @@ A contrast is withheld where, by two standard errors,
     the sum of r² over the n_k samples of a block,
 
 or where I/(g·M) has a larger contrast than I by more than 5 %: of I = g·M·s division leaves C of C² + C_M²·(1 + C²).
-What isn't found of a wrong target adds to C: the contrast that is stated is then too high, never too low.
+What isn't found of a wrong target adds to C: the contrast that is stated is then too high.
 
 A target with hardly any structure decides nothing, and changes nothing: division by a T that isn't shown raises C by
 about C_T²/2C, which exceeds the standard error of C, C/√(2n) of n grains, only where b is known to C/(C_T·√n) =
