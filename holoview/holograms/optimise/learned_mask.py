@@ -73,12 +73,15 @@ def check_learnable(system: System, name: str) -> None:
 def learn_mask(
     system: System, stacks: Sequence[NDArray[np.float32]], settings: Settings, name: str, *, device: str = "cpu"
 ) -> Iterator[MaskState]:
-    """The states of the training of element `name` for focal stacks (plane, y, x, 3) of several pictures.
+    """Trains a static mask for many pictures at once: the states of the training.
 
-    A pattern of its own belongs to each picture; that of the element is common to all.
+    system: a chain whose element `name` is of kind phase with shared = true. stacks: a focal stack (plane, y, x, 3) in
+    linear sRGB for each picture, as `target_for` makes it. settings: as of `iterate`; patterns and laser amplitudes may
+    be free. device: of torch, "cpu", "cuda", "cuda:1" or "mps". A pattern of its own belongs to each picture; that of
+    the element is common to all.
 
-    Raises UserError for an element that can't be trained (`check_learnable`), without pictures, for settings that
-    chains don't have, and as `iterate` does.
+    Raises UserError for an element that can't be trained, without pictures, for settings that chains don't have, and as
+    `iterate` does.
     """
     check_learnable(system, name)
     if not stacks:
