@@ -82,6 +82,15 @@ def learn_mask(
 
     Raises UserError for an element that can't be trained, without pictures, for settings that chains don't have, and as
     `iterate` does.
+
+    >>> import holoview as hv, numpy as np
+    >>> pixels = {"kind": "phase", "pitch": "8 um", "shape": [16, 16], "stroke": "825 nm"}
+    >>> elements = [pixels, {"kind": "space", "distance": "2 mm"}, pixels | {"name": "mask", "shared": True}]
+    >>> bench = hv.System(["532 nm"], [[1.0]], elements=elements, planes_m=["10 mm"])
+    >>> stacks = [np.full((1, 32, 32, 3), grey, dtype=np.float32) for grey in (0.1, 0.3)]
+    >>> *_, last = hv.learn_mask(bench, stacks, hv.Settings(iterations=2), "mask")
+    >>> last.mask.shape, last.psnr_db.shape
+    ((16, 16), (2,))
     """
     check_learnable(system, name)
     if not stacks:
