@@ -55,6 +55,7 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
     roughness = pattern_roughness(captures)
     is_open = decision.verdict in _OPEN and after.chi2_per_pixel > context.config.verdict.explained_chi2
     pixels = find_pixel_maps(outcome.searched, values) if free_maps and is_open else ()
+    changing = flicker_notes(outcome.searched, values, pixels) if len(captures) > 1 else []  # of one, nothing changes
     return Diagnosis(
         verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
         before=fit_quality(comparison, nominal),
@@ -76,7 +77,7 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
         gain_spread=gain_spread(context.kept_captures, gain),
         captures=len(captures),
         bad_captures=outcome.bad_captures,
-        notes=(*notes, *outcome.notes, *line_notes(pixels), *flicker_notes(outcome.searched, values, pixels)),
+        notes=(*notes, *outcome.notes, *line_notes(pixels), *changing),
         seconds=math.nan,
     )
 

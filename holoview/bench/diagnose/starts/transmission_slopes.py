@@ -133,11 +133,26 @@ def _segment_gains(gains: Floats, axis: int, segments: int) -> Floats:
 
 
 def significance(gains: Floats) -> Floats:
-    """How far each gain is above the median of its level (first axis), in robust standard deviations."""
+    """How far each gain is above the median of its level (first axis), in robust standard deviations.
+
+    Where most of a level gets no light, median and deviation are those of what does: more than a hundredth of the 99th
+    percentile of its gains.
+    """
     flat = gains.reshape(len(gains), -1)
-    above = flat - np.median(flat, axis=1, keepdims=True)
-    scale = np.maximum(1.4826 * np.median(np.abs(above), axis=1, keepdims=True), 1e-30)
-    return np.asarray((above / scale).reshape(gains.shape))
+    out = np.zeros(flat.shape)
+    for level, values in enumerate(flat):
+        above, scale = _above_median(values, values)
+        large = float(np.quantile(np.abs(values), 0.99))
+        if scale < 1e-3 * large:
+            above, scale = _above_median(values, values[np.abs(values) > 1e-2 * large])
+        out[level] = above / max(scale, 1e-30)
+    return out.reshape(gains.shape)
+
+
+def _above_median(values: Floats, among: Floats) -> tuple[Floats, float]:
+    """How far values are above the median of some of them, and the standard deviation that these have by theirs."""
+    middle = np.median(among)
+    return values - middle, 1.4826 * float(np.median(np.abs(among - middle)))
 
 
 def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> Floats:
