@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.captures.capture_file import is_capture_file, read_captures
-from holoview.bench.captures.capture_speckle import capture_noise, contrast_of_captures, mean_by_laser
+from holoview.bench.captures.capture_speckle import (
+    TogetherContrast,
+    capture_noise,
+    capture_sets,
+    contrast_of_captures,
+    mean_by_laser,
+    measure_set,
+)
 from holoview.bench.captures.speckle_meter import MeterReading, measure_hologram
 from holoview.commands.arguments import (
     add_observer,
@@ -370,7 +377,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
 
 
 def _measure_captures(args: argparse.Namespace) -> int:
-    """Prints the contrast of each capture of a file, and the mean of each laser."""
+    """Prints the contrast of each capture of a file, the mean of each laser, and that of all lasers together."""
     if len(args.names) > 1:
         raise UserError(str(args.names[1]), "beside a capture file", expected="one capture file")
     captures = read_captures(args.names[0])
@@ -381,11 +388,17 @@ def _measure_captures(args: argparse.Namespace) -> int:
     if clipped := sum(of.saturated > MOST_SATURATED for of in found):
         notes += (f"{clipped} of {len(found)} captures are saturated in the region: theirs comes out too low",)
     notes += ("structure of the light counts as speckle: choose a region that should be even",)
-    means = mean_by_laser(found)
+    means, sets, together = mean_by_laser(found), capture_sets(captures), None
+    if captures.usable is not None and sets:
+        notes += ("lasers aren't added: the file leaves pixels out",)
+    elif sets:
+        together = TogetherContrast.of([measure_set(captures, one, region, noise) for one in sets])
+        notes += ("lasers are added for equal exposures, the camera responding alike to all",)
     if args.json:
         overall = float(np.mean([of.estimate.contrast for of in found]))
         table = {"what": f"captures of {args.names[0]}", "region": list(region), "contrast": overall}
         rows_of = {"captures": [of.as_json() for of in found], "lasers": [of.as_json() for of in means]}
+        rows_of |= {} if together is None else {"together": together.as_json()}
         print_json(table | rows_of | {"notes": list(notes)})
         return 0
     print(f"captures of {args.names[0]}, {width} x {height} pixels at ({x}, {y})")
@@ -394,6 +407,8 @@ def _measure_captures(args: argparse.Namespace) -> int:
             f"{of.wavelength_m * 1e9:.4g} nm: speckle contrast {of.contrast:.4f} +- {of.standard_error:.2g}, mean of "
             f"{of.count} captures"
         )
+    if together is not None:
+        print(together.in_words())
     print("\n".join(f"note: {note}" for note in notes))
     return 0
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from holoview.bench.captures.dataset import Captures
-from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, contrast_estimate
+from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate
 from holoview.holograms.metrics.speckle import SpecklePattern
+from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, images_of_lasers, measure_speckle
+from holoview.light.colour import observer_weights
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 
@@ -105,3 +108,86 @@ def mean_by_laser(found: list[CaptureContrast]) -> list[MeanContrast]:
         error = own[0].standard_error if len(own) == 1 else float(values.std(ddof=1) / math.sqrt(len(own)))
         means.append(MeanContrast(wavelength_m, float(values.mean()), error, len(own)))
     return means
+
+
+# --- lasers together --------------------------------------------------------------------------------------------------
+
+
+def capture_sets(captures: Captures) -> list[list[int]]:
+    """Captures that show equal patterns at equal distances, one of each of two lasers or more, by rising wavelength."""
+    by_picture: dict[tuple[float, bytes], dict[float, int]] = {}
+    for index in range(len(captures)):
+        key = float(captures.distance_m[index]), captures.levels[index].tobytes()
+        by_picture.setdefault(key, {}).setdefault(float(captures.wavelength_m[index]), index)
+    return [[index for _, index in sorted(of.items())] for of in by_picture.values() if len(of) > 1]
+
+
+def measure_set(
+    captures: Captures, chosen: Sequence[int], region: Region, noise: PixelNoise | None
+) -> SpeckleMeasurement:
+    """All lasers of a set together: their captures added as the observer "eye" weighs them, for equal exposures.
+
+    The camera is taken to respond alike to all lasers. Raises UserError for a region without light.
+    """
+    wavelengths_m, exposures_s = captures.wavelength_m[chosen], captures.exposure_s[chosen]
+    counts = captures.images[list(chosen)].astype(np.float64) - captures.camera.black_level
+    colours = observer_weights("eye", wavelengths_m) * (exposures_s.max() / exposures_s)[:, None]
+    lasers = replace(images_of_lasers(wavelengths_m, colours, counts), noise=noise)
+    luminance = np.tensordot(lasers.luminances, counts, axes=1)
+    of_sum = noise and SumNoise.of(lasers.luminances, counts, noise)
+    return measure_speckle(luminance, region, None, lasers, of_sum)
+
+
+@dataclass(frozen=True)
+class TogetherContrast:
+    """Means over sets of captures.
+
+    count: of the sets. contrast: of the luminance, and its standard error, by the scatter between sets, or for a single
+    one by its grains. groups: contrasts of lasers by the names of their groups.
+    """
+
+    count: int
+    contrast: float
+    standard_error: float
+    one_by_one: float
+    groups: dict[str, float]
+    patterns_of_powers: float
+    patterns_of_correlation: float
+
+    @staticmethod
+    def of(found: Sequence[SpeckleMeasurement]) -> TogetherContrast:
+        """The means over sets, at least one."""
+        values = np.array([one.luminance.contrast for one in found])
+        error = found[0].luminance.standard_error
+        if len(found) > 1:
+            error = float(values.std(ddof=1) / math.sqrt(len(found)))
+        names = [name for name in found[0].groups if all(name in one.groups for one in found)]
+        groups = {name: float(np.mean([one.groups[name].contrast for one in found])) for name in names}
+        means = [
+            float(np.mean([getattr(one, name) for one in found]))
+            for name in ("one_by_one", "patterns_of_powers", "patterns_of_correlation")
+        ]
+        return TogetherContrast(len(found), float(values.mean()), error, means[0], groups, means[1], means[2])
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "sets": self.count,
+            "contrast": self.contrast,
+            "standard_error": self.standard_error,
+            "one_by_one_contrast": self.one_by_one,
+            "groups": self.groups,
+            "n_eff_powers": self.patterns_of_powers,
+            "n_eff_correlation": self.patterns_of_correlation,
+        }
+
+    def in_words(self) -> str:
+        """For people."""
+        groups = ", ".join(f"{name} {contrast:.4f}" for name, contrast in self.groups.items())
+        return (
+            f"all lasers together: speckle contrast {self.contrast:.4f} +- {self.standard_error:.2g}, mean of "
+            f"{self.count} {'sets' if self.count > 1 else 'set'} of captures with equal patterns; from the lasers one "
+            f"by one, taken as independent: {self.one_by_one:.4f}\n"
+            f"independent patterns: {self.patterns_of_powers:.2f} from powers, {self.patterns_of_correlation:.2f} from "
+            f"correlations; groups: {groups}"
+        )
