@@ -398,7 +398,7 @@ def _measure_captures(args: argparse.Namespace) -> int:
         overall = float(np.mean([of.estimate.contrast for of in found]))
         table = {"what": f"captures of {args.names[0]}", "region": list(region), "contrast": overall}
         rows_of = {"captures": [of.as_json() for of in found], "lasers": [of.as_json() for of in means]}
-        rows_of |= {} if together is None else {"together": together.as_json()}
+        table |= {} if together is None else {"together": together.as_json()}
         print_json(table | rows_of | {"notes": list(notes)})
         return 0
     print(f"captures of {args.names[0]}, {width} x {height} pixels at ({x}, {y})")

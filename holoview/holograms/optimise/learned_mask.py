@@ -111,24 +111,30 @@ def learn_mask(
     for iteration in range(settings.iterations + 1):
         is_last = iteration == settings.iterations
         solves = "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last)
-        decay, total, psnr_db = sqrt_decay(iteration, settings.iterations), 0.0, []
-        pull = torch.zeros_like(mask.variables[0])
+        decay = None if is_last else sqrt_decay(iteration, settings.iterations)
         before = mask.variables[0].detach().clone()
-        for scene in scenes:
-            problem.objective = scene.objective
-            found = problem.evaluate(scene.patterns.shown() | mask.shown(), scene.amplitudes)
-            if solves:
-                scene.amplitudes = problem.solved_amplitudes(found.intensity)
-            loss, image = problem.loss(found, scene.amplitudes)
-            total += float(loss.detach()) / len(scenes)
-            psnr_db.append(problem.psnr_db(image))
-            if not is_last:
-                *gradients, shared = torch.autograd.grad(loss, [*scene.patterns.variables, *mask.variables])
-                scene.patterns.step(gradients, decay)
-                pull += shared / len(scenes)
-        if total < best_loss:
-            best_loss, best = total, before
-        if not is_last:
-            mask.step([pull], decay)
+        parts = [_learned_from(scene, problem, mask, solves, decay) for scene in scenes]
+        losses, psnr_db = (np.array(values) for values in zip(*((loss, db) for loss, db, _ in parts), strict=True))
+        if losses.mean() < best_loss:
+            best_loss, best = losses.mean(), before
+        if decay is not None:
+            mask.step([torch.stack([pull for _, _, pull in parts]).mean(dim=0)], decay)
         values = best[0].cpu().numpy().astype(np.float32)
-        yield MaskState(iteration, settings.iterations, total, np.array(psnr_db), values)
+        yield MaskState(iteration, settings.iterations, float(losses.mean()), psnr_db, values)
+
+
+def _learned_from(
+    scene: _Scene, problem: ChainProblem, mask: ChainPatterns, solves: bool, decay: float | None
+) -> tuple[float, float, torch.Tensor]:
+    """Loss and PSNR of a picture, and its pull on the mask; then its own patterns have moved, but for decay None."""
+    problem.objective = scene.objective
+    found = problem.evaluate(scene.patterns.shown() | mask.shown(), scene.amplitudes)
+    if solves:
+        scene.amplitudes = problem.solved_amplitudes(found.intensity)
+    loss, image = problem.loss(found, scene.amplitudes)
+    value, psnr_db = float(loss.detach()), problem.psnr_db(image)
+    if decay is None:
+        return value, psnr_db, torch.zeros_like(mask.variables[0])
+    *gradients, pull = torch.autograd.grad(loss, [*scene.patterns.variables, *mask.variables])
+    scene.patterns.step(gradients, decay)
+    return value, psnr_db, pull
