@@ -569,8 +569,8 @@ def test_dragging_measures_a_region_and_pointing_tells_values(browser: Browser, 
     page.mouse.up()
     view = hv.simulate(written.first.system, written.first.drive, planes=[10e-3], backend="torch64")
     codes = np.rint(255 * hv_srgb(written.target.stack[2]))
-    luminance = srgb_decode(codes / 255) @ SRGB_TO_XYZ[1]
-    expected = speckle_contrast(view.xyz[0, ..., 1], (30, 40, 31, 31), luminance).contrast
+    target = srgb_decode(codes / 255)
+    expected = luminance_contrast(view.xyz[0, ..., 1], (30, 40, 31, 31), target).pattern.contrast.contrast
     page.wait_for_function(f"() => document.getElementById('region').textContent.includes('contrast {expected:.3f}')")
     assert page.is_visible("#histogram") and page.locator("#histogram rect").count() == 32
     assert browser.close_pages() == []
