@@ -404,7 +404,6 @@ def _run_options(args: argparse.Namespace) -> RunOptions:
         checkpoint=checkpoint,
         checkpoint_interval_s=args.checkpoint_every,
         preview=args.preview,
-        compiles_beside=True,
         stop_psnr_db=args.until_psnr,
         time_limit_s=args.time,
     )

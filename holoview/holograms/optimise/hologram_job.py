@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -48,8 +47,7 @@ class RunOptions:
     device: of torch. sharded: whether the processes that torchrun started share the lasers.
     initial_hologram: the initial patterns are those of this hologram. resume: a checkpoint to continue from.
     checkpoint, preview: files to write; checkpoint_interval_s: least time between two checkpoints.
-    compiles_beside: whether torch computes the first iterations ever on a processor while kernels are compiled, with
-    another rounding (`iterate`). stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
+    stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
     """
 
     method: str = "adam"
@@ -61,7 +59,6 @@ class RunOptions:
     checkpoint: Path | None = None
     checkpoint_interval_s: float = 30.0
     preview: Path | None = None
-    compiles_beside: bool = False
     stop_psnr_db: float = math.inf
     time_limit_s: float = math.inf
 
@@ -132,13 +129,11 @@ def optimise_hologram(
     """
     options.check_method(settings)
     start = None if options.initial_hologram is None else options.initial_hologram.drive
-    beside = cache(tell) if options.compiles_beside else None  # each sentence once
-    if beside is None:
-        tell_of_compiling(options.device, tell)
+    tell_of_compiling(options.device, tell)
     simulated, resume, device = options.simulated(system), options.resume, options.device
     progress(0 if resume is None else resume.progress.iteration, settings.iterations, "preparing the bench")
     if options.method == "adam":
-        states = iterate(simulated, stack, settings, start, resume, device=device, team=process_group, beside=beside)
+        states = iterate(simulated, stack, settings, start, resume, device=device, team=process_group)
     else:
         if isinstance(stack, ComplexTarget):
             raise UserError(f"--method {options.method}", "with a complex target", expected="--method adam")
