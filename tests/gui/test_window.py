@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,12 @@ class Screen:
             time.sleep(0.1)
         self.xdotool("mouseup", 1)
         time.sleep(0.3)
+
+    def drag_with_shift(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """The same with Shift held down."""
+        self.xdotool("keydown", "shift")
+        self.drag(start, end)
+        self.xdotool("keyup", "shift")
 
     def picture(self) -> np.ndarray:
         """What is on the screen (y, x, 3)."""
@@ -206,13 +213,9 @@ def test_a_real_window_draws_answers_rests_and_saves(
     x, y = twin.item_position("laser 1")
     screen.drag((x, y), (x + 12, y + 10))
     screen.drag(twin.item_position("plane", 0.5), twin.item_position("plane", 0.8))
-
-    def draw_a_region() -> None:
-        screen.xdotool("keydown", "shift")
-        screen.drag(twin.item_position("image", 0.4, 0.4), twin.item_position("image", 0.6, 0.6))
-        screen.xdotool("keyup", "shift")
-
-    screen.repeat_until(draw_a_region, _shows_a_frame_inside(twin.context.item_rects["image"]))
+    ends = twin.item_position("image", 0.4, 0.4), twin.item_position("image", 0.6, 0.6)
+    shown = _shows_a_frame_inside(twin.context.item_rects["image"])
+    screen.repeat_until(partial(screen.drag_with_shift, *ends), shown)
     saved = SessionStore(tmp_path / "holoview")
     screen.wait_until(lambda: "Optimise" in _labels(saved))  # the quick look at the picture
     screen.xdotool("key", "ctrl+Return")
@@ -251,12 +254,13 @@ def test_regions_and_kept_holograms_by_a_real_hand_are_saved(
     screen = Screen(display, tmp_path, [str(bench)])
     try:
         screen.wait_for(_is_busy_inside(twin.context.item_rects["image"]))
-        screen.xdotool("keydown", "shift")
-        screen.drag(twin.item_position("image", 0.3, 0.45), twin.item_position("image", 0.45, 0.55))
-        screen.drag(twin.item_position("image", 0.6, 0.45), twin.item_position("image", 0.75, 0.55))
-        screen.xdotool("keyup", "shift")
-        screen.xdotool("mousemove", *map(round, twin.item_position("image", 0.37, 0.47)), "click", 1)
         store = SessionStore(tmp_path / "holoview")
+        for count, left in enumerate((0.3, 0.6), start=1):
+            ends = twin.item_position("image", left, 0.45), twin.item_position("image", left + 0.15, 0.55)
+            screen.repeat_until(
+                partial(screen.drag_with_shift, *ends), lambda picture, n=count: _region_count(store) >= n, pause_s=60.0
+            )
+        screen.xdotool("mousemove", *map(round, twin.item_position("image", 0.37, 0.47)), "click", 1)
         screen.wait_until(lambda: _labels(store).endswith("Choose a region"))
         screen.xdotool("key", "p", "key", "2")
         screen.wait_until(lambda: _labels(store).endswith("Shown"))
@@ -268,6 +272,11 @@ def test_regions_and_kept_holograms_by_a_real_hand_are_saved(
     finally:
         screen.viewer.kill()
         screen.viewer.wait(PATIENCE_S)
+
+
+def _region_count(store: SessionStore) -> int:
+    """How many regions the saved session has."""
+    return max((len(saved.restore().view_settings.regions) for saved in store.saved_sessions()), default=0)
 
 
 def _tiny_bench(**changes: Any) -> System:
