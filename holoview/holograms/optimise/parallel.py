@@ -125,7 +125,7 @@ def device_for_rank(device: str) -> str:
 
 MIN_SAMPLES_FOR_THREADS = 1 << 17
 """Samples of a padded field below which several threads for an operation of torch take longer than they save."""
-MIN_SAMPLES_FOR_TEAM = 1 << 15
+MIN_SAMPLES_FOR_TEAM = 1 << 16
 """The same for the threads of a `ThreadTeam`, each of which does several operations with its part."""
 
 
