@@ -10,8 +10,8 @@ from typing import Any
 from benchmarks.common import markdown_table
 from benchmarks.optimiser_work import STOPS, colour_work
 from holoview.evidence.benchmark.autograd_loop import Work
-from holoview.evidence.benchmark.frame_benchmark import torch_threads
 from holoview.evidence.benchmark.time_to_quality import QualityRun, time_to_quality
+from holoview.holograms.optimise.parallel import torch_threads
 from holoview.util.figures import png_figure
 
 TARGETS = ("still-life", "night", "resolution")

@@ -13,9 +13,9 @@ from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, in
 from benchmarks.common import markdown_table
 from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, times_table
 from holoview.evidence.benchmark.autograd_loop import Work
-from holoview.evidence.benchmark.frame_benchmark import torch_threads
 from holoview.evidence.benchmark.frame_jobs import time_interleaved
 from holoview.evidence.benchmark.time_to_quality import MARGIN_DB, STEPS_RAD
+from holoview.holograms.optimise.parallel import torch_threads
 
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
 PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}

@@ -20,7 +20,7 @@ from benchmarks.optimiser_work import (
     times_table,
 )
 from holoview.evidence.benchmark.autograd_loop import Autograd, StoredLoop, Work
-from holoview.evidence.benchmark.frame_benchmark import torch_threads
+from holoview.holograms.optimise.parallel import torch_threads
 
 OWN, SOLVING = "holoview", "holoview, amplitudes solved too"
 TEXTBOOK, CACHED, FLOOR = "autograd, textbook", "autograd, cached H", "its FFTs alone"

@@ -9,7 +9,7 @@ import torch
 
 from benchmarks.optimiser_work import STOPS, Run, colour_work, interleaved, ours, summary, times_table
 from holoview.evidence.benchmark.autograd_loop import Autograd, StoredLoop, Tensor, Work
-from holoview.evidence.benchmark.frame_benchmark import torch_threads
+from holoview.holograms.optimise.parallel import torch_threads
 from holoview.light.model.plan import make_plan
 from holoview.light.numerics.fourier import PrunedAxis, PrunedTransform
 from holoview.light.optics.slm import pixel_spectrum

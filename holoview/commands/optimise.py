@@ -10,6 +10,7 @@ import io
 import math
 import re
 import time
+from collections.abc import Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import partial
@@ -491,10 +492,7 @@ _NOT_OF_FILMS = ("depth", "near", "far", "views", "pupils", "start", "checkpoint
 def _run_on_film(args: argparse.Namespace) -> int:
     """Writes a hologram for each picture. After Ctrl-C, those that are done are kept; the same command goes on."""
     job, film, placement = _film_job(args)
-    stacks = (
-        target_for(job.system, picture, placement, args.brightness, saturation=args.saturation).stack
-        for picture in film.pictures()
-    )
+    stacks = _stacks_of(args, job.system, film, placement)
     started = time.monotonic()
     with deferred_interrupt() as interruption, progress_bar(f"optimising {job.system.name}") as progress:
         found_db = optimise_film(job, stacks, progress=progress, interruption=interruption, tell=_note)
@@ -508,6 +506,14 @@ def _run_on_film(args: argparse.Namespace) -> int:
     if interruption():
         print_stderr(f"interrupted: what is done is kept in {job.folder}; the same command goes on")
     return interruption.exit_code
+
+
+def _stacks_of(
+    args: argparse.Namespace, system: System, film: Film, placement: Placement
+) -> Iterator[NDArray[np.float32]]:
+    """The focal stack of each picture, one after the other."""
+    for picture in film.pictures():
+        yield target_for(system, picture, placement, args.brightness, saturation=args.saturation).stack
 
 
 def _film_job(args: argparse.Namespace) -> tuple[FilmJob, Film, Placement]:
@@ -556,10 +562,7 @@ def _run_learning(args: argparse.Namespace) -> int:
     if not Path(args.target).is_dir():
         raise UserError(args.target, "isn't a folder", expected=f"a folder of pictures, for {where}")
     placement, film = Placement(at_m=_parse_length(args, "at")), Film(Path(args.target), args.space)
-    stacks = [
-        target_for(system, picture, placement, args.brightness, saturation=args.saturation).stack
-        for picture in film.pictures()
-    ]
+    stacks = list(_stacks_of(args, system, film, placement))
     settings, device = _settings(args, system, PupilPlaces()), resolve_torch_device(args.device)
     with deferred_interrupt() as interruption, progress_bar(f"learning {args.learn}") as progress:
         for state in learn_mask(system, stacks, settings, args.learn, device=device):

@@ -104,10 +104,15 @@ def mean_by_laser(found: list[CaptureContrast]) -> list[MeanContrast]:
     means = []
     for wavelength_m in sorted({of.wavelength_m for of in found}):
         own = [of.estimate for of in found if of.wavelength_m == wavelength_m]
-        values = np.array([estimate.contrast for estimate in own])
-        error = own[0].standard_error if len(own) == 1 else float(values.std(ddof=1) / math.sqrt(len(own)))
-        means.append(MeanContrast(wavelength_m, float(values.mean()), error, len(own)))
+        means.append(MeanContrast(wavelength_m, *_mean_and_error(own), len(own)))
     return means
+
+
+def _mean_and_error(estimates: Sequence[ContrastEstimate]) -> tuple[float, float]:
+    """The mean contrast, and its standard error by the scatter, or of a single estimate by its grains."""
+    values = np.array([estimate.contrast for estimate in estimates])
+    scatter = values.std(ddof=1) / math.sqrt(len(values)) if len(values) > 1 else estimates[0].standard_error
+    return float(values.mean()), float(scatter)
 
 
 # --- lasers together --------------------------------------------------------------------------------------------------
@@ -157,17 +162,14 @@ class TogetherContrast:
     @staticmethod
     def of(found: Sequence[SpeckleMeasurement]) -> TogetherContrast:
         """The means over sets, at least one."""
-        values = np.array([one.luminance.contrast for one in found])
-        error = found[0].luminance.standard_error
-        if len(found) > 1:
-            error = float(values.std(ddof=1) / math.sqrt(len(found)))
+        contrast, error = _mean_and_error([one.luminance for one in found])
         names = [name for name in found[0].groups if all(name in one.groups for one in found)]
         groups = {name: float(np.mean([one.groups[name].contrast for one in found])) for name in names}
         means = [
             float(np.mean([getattr(one, name) for one in found]))
             for name in ("one_by_one", "patterns_of_powers", "patterns_of_correlation")
         ]
-        return TogetherContrast(len(found), float(values.mean()), error, means[0], groups, means[1], means[2])
+        return TogetherContrast(len(found), contrast, error, means[0], groups, means[1], means[2])
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""

@@ -20,7 +20,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -41,6 +40,7 @@ from holoview.evidence.benchmark.frame_jobs import (
     time_interleaved,
 )
 from holoview.evidence.benchmark.machine import probe_device
+from holoview.holograms.optimise.parallel import torch_threads
 from holoview.holograms.view import random_drive
 from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.torch_executor import TorchExecutor
@@ -132,17 +132,6 @@ def _transfer_functions(plan: Plan, inputs: FrameInputs, relay: int) -> torch.Te
             for w in range(len(plan.system.wavelengths_m))
         ]
     )
-
-
-@contextmanager
-def torch_threads(count: int) -> Iterator[None]:
-    """Use `count` threads of PyTorch inside the block."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 # --- only what stops of the first order pass ---

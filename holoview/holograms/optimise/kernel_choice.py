@@ -25,6 +25,7 @@ from typing import Any
 import torch
 
 from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.parallel import torch_threads
 from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels, PlanePropagation
 from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
@@ -71,15 +72,12 @@ def _compiled_kernels() -> Kernels:
 
 
 def _faster_name() -> str:
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as in a thread of the team
     try:
-        rivals = (TORCH_KERNELS, _compiled_kernels())
-        seconds = {kernels.name: [_seconds(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
+        with torch_threads(1):  # as in a thread of the team
+            rivals = (TORCH_KERNELS, _compiled_kernels())
+            seconds = {kernels.name: [_seconds(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
     except Exception:  # any failure of a compiler on an untried machine
         return TORCH_KERNELS.name
-    finally:
-        torch.set_num_threads(threads)
     return min(seconds, key=lambda name: min(seconds[name][1:]))  # the first round compiles
 
 
