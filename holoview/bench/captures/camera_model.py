@@ -51,7 +51,7 @@ from holoview.light.model.effects.hook_contexts import ModulatorContext, Pose, R
 from holoview.light.model.passband import Transfer, band_of_rows
 from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.fourier import chirp_z_transform, phasor_of_turns
-from holoview.light.numerics.resample import affine_warp, band_limited_warp, centred_indices
+from holoview.light.numerics.resample import affine_warp, band_limited_rows, band_limited_warp, centred_indices
 from holoview.light.numerics.sampling import AREA, frequency_indices
 from holoview.light.optics.bench import PixelAxis, illuminated, plane_wave, spectrum_of_pixels
 from holoview.light.optics.propagate import nominal_pupil, transfer_function_at
@@ -642,7 +642,7 @@ def _pixel_axis(grid: Grid, axis: int, slope: float, band: FrequencyBand, dtype:
 
 
 _SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs
-_SPARE_SAMPLES = 24  # that interpolation needs at the edges: seven beyond each, on a line at up to half a radian
+_SPARE_SAMPLES = 16  # that interpolation needs at the edges: seven beyond each
 
 
 class FourierBenchModel(CameraModel):
@@ -690,17 +690,7 @@ class FourierBenchModel(CameraModel):
         point_grid = PixelGrid(self.pixel_grid.pitch_m / points, shape)
         if pose.rotation_rad == 0:
             return mean_over_pixels(self._intensity_at_pixels(field, component, point_grid, pose, nodes), points)
-        finer = self._finer_grid(component, pose, point_grid)
-        (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
-        around = Pose(shift_m=(-c * finer.pitch_m, -f * finer.pitch_m))  # the middle of the camera
-        unrotated = self._intensity_at_pixels(field, component, finer, around, _MIDDLE)
-        scale = point_grid.pitch_m / finer.pitch_m
-        total = torch.zeros(shape, dtype=self.real_dtype)
-        for (y, weight_y), (x, weight_x) in product(nodes, nodes):
-            moved = scale * (a * y + b * x), scale * (d * y + e * x)
-            source = ((a * scale, b * scale, moved[0]), (d * scale, e * scale, moved[1]))
-            total = total + weight_y * weight_x * band_limited_warp(unrotated, source, shape)
-        return mean_over_pixels(total, points)
+        return mean_over_pixels(self._intensity_at_turned_pixels(field, component, point_grid, pose, nodes), points)
 
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator, of pixels or samples."""
@@ -746,20 +736,63 @@ class FourierBenchModel(CameraModel):
             lines, sine_y = along(field, 0, node_y)
             for node_x, weight_x in nodes:
                 light, sine_x = along(lines, 1, node_x)
-                seen = squared_magnitude(light) * self._stop_mask(λ, sine_y, sine_x)
+                seen = squared_magnitude(light) * self._stop_mask(λ, sine_y[:, None], sine_x)
                 total = total + weight_y * weight_x * seen
         return total
 
+    def _intensity_at_turned_pixels(
+        self, field: Tensor, component: IncoherentComponent, pixel_grid: PixelGrid, pose: Pose, nodes: Nodes
+    ) -> Tensor:
+        """|E|² at pixels whose rows are turned against the modulator's, otherwise as `_intensity_at_pixels`.
+
+        On the line on which a row of pixels lies, |E|² is computed where columns of a regular grid cross it: sums along
+        x of the field's rows, then along y from another place for each column. Their step is the pixels' distance along
+        x or a whole part of it, so that one set of weights interpolates the whole row.
+        """
+        λ, slopes = self.wavelength_m(component), self.slopes(component)
+        (a, b, c), (d, e, f) = pose.inverse_affine(pixel_grid.pitch_m)
+        (rows, columns), dtype = pixel_grid.shape, torch.float64
+        stride = math.ceil(abs(e) * pixel_grid.pitch_m * _SAMPLES_PER_SPECKLE / self._speckle_m(component) - 1e-9)
+        sine = pixel_grid.pitch_m / self.focal_length_m  # of a distance of a pixel
+        pitch_m = self.plan.system.modulators[0].pitch_m * self.plan.system.modulators[0].shape[0] / field.shape[0]
+        cycles = sine * pitch_m / λ  # of a distance of a pixel, per point of the field
+        tilt = [slope * (pitch_m / self.plan.grid.pitch_m) for slope in slopes]  # turns per point of the field
+
+        turn = stride * d / e  # samples that a row is moved along x, a row
+        width = math.ceil(stride * (columns - 1) + abs(turn) * rows) + _SPARE_SAMPLES + stride
+        place = centred_indices(width, dtype, field.device)  # along x, in samples from the middle of the camera
+        x = e / stride * place + f
+        lines = chirp_z_transform(field, float(x[0]) * cycles, e / stride * cycles, width)
+        lines = lines * (torch.special.sinc(x * cycles - tilt[1]) / field.shape[1] ** 0.5).to(self.real_dtype)
+        beside = b / stride * place  # of the places on a line, along y
+        points = centred_indices(field.shape[0], dtype, field.device)
+        lines = lines.T * phasor_of_turns(-cycles * beside[:, None] * points).to(self.dtype)
+
+        total = torch.zeros(pixel_grid.shape, dtype=self.real_dtype)
+        for node_y, weight_y in nodes:
+            row = centred_indices(rows, dtype, field.device) + node_y
+            along = (a - b * d / e) * row + c
+            light = chirp_z_transform(lines, float(along[0]) * cycles, (a - b * d / e) * cycles, rows).T
+            y = along[:, None] + beside
+            envelope = torch.special.sinc((y * cycles - tilt[0]).to(self.real_dtype)) / field.shape[0] ** 0.5
+            seen = squared_magnitude(light * envelope) * self._stop_mask(λ, y * sine, x * sine)
+            first = turn * row + (width - 1 - stride * (columns - 1)) / 2
+            total = total + weight_y * band_limited_rows(seen, first, stride, columns, nodes)
+        return total
+
     def _stop_mask(self, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
-        """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns)."""
-        sine2 = sine_y.square()[:, None] + sine_x.square()[None, :]
+        """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns).
+
+        sine_y: of the rows, (rows, 1), or of each place. sine_x: of the columns.
+        """
+        sine2 = sine_y.square() + sine_x.square()
         passes = torch.ones_like(sine2, dtype=torch.bool)
         y, x = (sine - centre for sine, centre in zip((sine_y, sine_x), self.relays[1].centre_na, strict=True))
         if self.relays[1].iris_na is not None:
-            passes &= y.square()[:, None] + x.square()[None, :] <= self.relays[1].iris_na ** 2
+            passes &= y.square() + x.square() <= self.relays[1].iris_na ** 2
         if self.relays[1].square is not None:
             half = self.relays[1].square.half_side_sine(λ, self.plan.system.modulators[0].pitch_m)
-            passes &= (y.abs()[:, None] < half) & (x.abs()[None, :] < half)
+            passes &= (y.abs() < half) & (x.abs() < half)
         if self.plan.system.relay2.dc_block_na is not None:
             passes &= sine2 > self.plan.system.relay2.dc_block_na**2
         return passes.to(self.real_dtype)
@@ -768,12 +801,3 @@ class FourierBenchModel(CameraModel):
         """Period on the camera of the finest structure, by light from both ends of the modulator's longer side."""
         modulator = self.plan.system.modulators[0]
         return self.wavelength_m(component) * self.focal_length_m / (max(modulator.shape) * modulator.pitch_m)
-
-    def _finer_grid(self, component: IncoherentComponent, pose: Pose, points: PixelGrid) -> PixelGrid:
-        """A grid around the middle of a rotated camera that covers its points, with at least _SAMPLES_PER_SPECKLE
-        samples in a speckle."""
-        pitch_m = min(self.pixel_grid.pitch_m, self._speckle_m(component) / _SAMPLES_PER_SPECKLE)
-        rows, columns = (n * points.pitch_m / pitch_m for n in points.shape)
-        sides = (abs(a) * rows + abs(b) * columns for a, b, _ in pose.inverse_affine(pitch_m))
-        height, width = (math.ceil(side) + _SPARE_SAMPLES for side in sides)
-        return PixelGrid(pitch_m, (height, width))

@@ -38,10 +38,13 @@ from holoview.util.progress import ProgressCallback
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
-def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress: ProgressCallback) -> Diagnosis:
+def assemble(
+    outcome: SearchOutcome, notes: list[str], free_maps: bool, progress: ProgressCallback, *, of_one_picture: bool
+) -> Diagnosis:
     """The diagnosis that follows from a search, but for the time that it took.
 
     notes: on what the captures can't show. free_maps: look for the place of an error that no effect explains.
+    of_one_picture: the captures are parts of one picture, of which nothing changes from capture to capture.
     """
     context, result, decision = outcome.context, outcome.result, outcome.decision
     captures, comparison, values = context.data.captures, result.comparison, decision.values
@@ -55,7 +58,7 @@ def assemble(outcome: SearchOutcome, notes: list[str], free_maps: bool, progress
     roughness = pattern_roughness(captures)
     is_open = decision.verdict in _OPEN and after.chi2_per_pixel > context.config.verdict.explained_chi2
     pixels = find_pixel_maps(outcome.searched, values) if free_maps and is_open else ()
-    changing = flicker_notes(outcome.searched, values, pixels) if len(captures) > 1 else []  # of one, nothing changes
+    changing = [] if of_one_picture else flicker_notes(outcome.searched, values, pixels)
     return Diagnosis(
         verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
         before=fit_quality(comparison, nominal),
