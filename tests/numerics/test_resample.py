@@ -11,8 +11,6 @@ from scipy.ndimage import gaussian_filter
 
 from holoview.light.numerics.resample import (
     affine_warp,
-    band_limited_rows,
-    band_limited_warp,
     centred_indices,
     gaussian_blur,
     weighted_blur,
@@ -84,64 +82,3 @@ def test_the_weights_of_neighbours_have_a_slope_from_zero_on() -> None:
         step = 1e-6
         ahead, here = (float(weighted_blur(values, w).square().sum()) for w in (weight + step, weight))
         assert float(slope) == pytest.approx((ahead - here) / step, rel=1e-4)
-
-
-SIDE, SHAPE, WAVES = 160, (40, 56), 30
-
-
-def waves(seed: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Amplitudes, and frequencies (wave, 2) within the circle of a quarter of the sampling frequency."""
-    random = torch.Generator().manual_seed(seed)
-    radius, angle = torch.rand(2, WAVES, generator=random, dtype=torch.float64)
-    frequencies = torch.stack([(2 * math.pi * angle).sin(), (2 * math.pi * angle).cos()], dim=-1)
-    return torch.randn(WAVES, generator=random, dtype=torch.complex128), radius.sqrt()[:, None] * frequencies / 4
-
-
-def summed(amplitudes: torch.Tensor, frequencies: torch.Tensor, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    turns = y[..., None] * frequencies[:, 0] + x[..., None] * frequencies[:, 1]
-    return (amplitudes * torch.polar(torch.ones_like(turns), 2 * math.pi * turns)).sum(-1)
-
-
-def grid(shape: tuple[int, int]) -> tuple[torch.Tensor, ...]:
-    """Coordinates from the centre."""
-    return torch.meshgrid(*(torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in shape), indexing="ij")
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, -0.02, 0.2, -0.5])
-@pytest.mark.parametrize("dtype", [torch.complex64, torch.complex128])
-def test_a_turned_sum_of_waves_is_that_sum_at_turned_places(angle: float, dtype: torch.dtype) -> None:
-    amplitudes, frequencies = waves(1)
-    values = summed(amplitudes, frequencies, *grid((SIDE, SIDE))).to(dtype)
-    c, s = 1.7 * math.cos(angle), 1.7 * math.sin(angle)
-    y, x = grid(SHAPE)
-    expected = summed(amplitudes, frequencies, c * y - s * x + 0.3, s * y + c * x - 0.7)
-    found = band_limited_warp(values, ((c, -s, 0.3), (s, c, -0.7)), SHAPE)
-    # Each of two passes ripples by 1.2e-4 of a wave at most, and all waves may do so at one place.
-    assert float((found - expected).abs().max()) < 2.5e-4 * float(amplitudes.abs().sum())
-
-
-def test_real_maps_and_gradients_pass() -> None:
-    amplitudes, frequencies = waves(2)
-    values = summed(amplitudes, frequencies, *grid((24, 24))).real.requires_grad_()
-    c, s = math.cos(0.1), math.sin(0.1)
-    source = ((c, -s, 0.2), (s, c, 0.1))
-    assert torch.autograd.gradcheck(lambda v: band_limited_warp(v, source, (6, 5)), (values,))
-
-
-def test_a_map_is_continued_outwards() -> None:
-    found = band_limited_warp(torch.full((8, 8), 3.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), (40, 40))
-    assert float((found - 3.0).abs().max()) < 1e-3
-
-
-@pytest.mark.parametrize(("stride", "nodes"), [(1, ((0.0, 1.0),)), (2, ((-0.289, 0.5), (0.289, 0.5)))])
-def test_rows_are_read_from_a_place_of_their_own_each(stride: int, nodes: tuple[tuple[float, float], ...]) -> None:
-    amplitudes, frequencies = waves(3)
-    values = summed(amplitudes, frequencies, *grid((9, SIDE))).real.requires_grad_()
-    first = 20.3 + 1.37 * torch.arange(9, dtype=torch.float64)
-    found = band_limited_rows(values, first, stride, 12, nodes)
-    x = (first - (SIDE - 1) / 2)[:, None] + stride * torch.arange(12, dtype=torch.float64)
-    y = (torch.arange(9, dtype=torch.float64) - 4)[:, None].expand(9, 12)
-    expected = sum(weight * summed(amplitudes, frequencies, y, x + stride * at).real for at, weight in nodes)
-    # One pass ripples by 1.2e-4 of a wave at most.
-    assert float((found - expected).detach().abs().max()) < 1.3e-4 * float(amplitudes.abs().sum())
-    assert torch.autograd.gradcheck(lambda v: band_limited_rows(v, first, stride, 12, nodes), (values,))

@@ -39,7 +39,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
 
 import numpy as np
 import torch
@@ -51,8 +50,9 @@ from holoview.light.model.effects.hook_contexts import ModulatorContext, Pose, R
 from holoview.light.model.passband import Transfer, band_of_rows
 from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.fourier import chirp_z_transform, phasor_of_turns
-from holoview.light.numerics.resample import affine_warp, band_limited_rows, band_limited_warp, centred_indices
+from holoview.light.numerics.resample import affine_warp, centred_indices
 from holoview.light.numerics.sampling import AREA, frequency_indices
+from holoview.light.numerics.turned_grid import Nodes, turned_power
 from holoview.light.optics.bench import PixelAxis, illuminated, plane_wave, spectrum_of_pixels
 from holoview.light.optics.propagate import nominal_pupil, transfer_function_at
 from holoview.light.optics.slm import phasor
@@ -63,12 +63,10 @@ _PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be e
 _FOURIER_SUMS = 16  # matrices kept: both axes at some wavelengths, 20 MB each for pictures of 1600 × 1200 pixels
 POSE_HOOKS = ("camera_pose", "camera_pose_at", "camera_motion")
 """The hooks on which a picture of the same light depends."""
-_INTERPOLATION_MARGIN = 5  # samples, of which interpolation needs 3.5 beyond the outermost pixel, with some to spare
 
 
 _AREA_ERROR = 0.005
 _MOST_NODES = 8  # a pixel that holds three grains a side
-Nodes = tuple[tuple[float, float], ...]
 _MIDDLE: Nodes = ((0.0, 1.0),)
 
 
@@ -120,7 +118,7 @@ def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_gr
     if len(nodes) == 1 and same_pitch and points == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
         return squared_magnitude(band.inverse(spectrum, grid.shape))
     point_grid = PixelGrid(pixel_grid.pitch_m / points, (pixel_grid.shape[0] * points, pixel_grid.shape[1] * points))
-    intensity = _intensity_by_fourier_sum if pose.rotation_rad == 0 else _intensity_by_interpolation
+    intensity = _intensity_by_fourier_sum if pose.rotation_rad == 0 else _intensity_at_turned_points
     image = mean_over_pixels(intensity(spectrum, band, grid, point_grid, pose, nodes), points)
     if pose.softness and same_pitch:
         unshifted = squared_magnitude(band.inverse(spectrum, grid.shape))
@@ -176,56 +174,23 @@ def _fourier_sum(points: tuple[int, float, float, float], grid: tuple[int, int, 
     return torch.polar(amplitude, 2 * math.pi * turns).to(dtype)
 
 
-def _intensity_by_interpolation(
+def _intensity_at_turned_points(
     spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose, nodes: Nodes
 ) -> Tensor:
-    """As `_intensity_by_fourier_sum`, of any orientation: windowed sinc interpolation on a grid twice as fine.
+    """As `_intensity_by_fourier_sum`, of any orientation."""
+    ratio = points.pitch_m / grid.pitch_m
+    half_y, half_x = (padded / 2 / ratio for padded in band.padded)  # of the period, in points
 
-    The finer grid begins `margins` samples before the field.
-    """
-    affine = pose.inverse_affine(points.pitch_m)
-    margins = _margins(grid, points, affine)
-    max_y, max_x = (min(k, p // 2) for k, p in zip(band.max_indices, band.padded, strict=True))
-    finer = FrequencyBand((2 * band.padded[0], 2 * band.padded[1]), (max_y, max_x))
-    shift_y, shift_x = (
-        torch.polar(torch.ones_like(k), -2 * math.pi * k * margin / padded)
-        for k, margin, padded in zip((k.double() for k in finer.frequency_indices), margins, band.padded, strict=True)
+    def factor(y: Tensor, x: Tensor) -> Tensor:
+        within = (y.abs() < half_y) & (x.abs() < half_x)
+        return within.to(spectrum.real.dtype) / (band.padded[0] * band.padded[1]) ** 2
+
+    turns_y, turns_x = (
+        (-(size - 1) / 2 / padded, -ratio / padded) for size, padded in zip(grid.shape, band.padded, strict=True)
     )
-    spectrum = _with_positive_nyquist(spectrum, band) * (shift_y[:, None] * shift_x[None, :]).to(spectrum.dtype)
-    shape = (2 * (grid.shape[0] + 2 * margins[0]), 2 * (grid.shape[1] + 2 * margins[1]))
-    field = 4 * finer.inverse(spectrum, shape)
-    scale = points.pitch_m / (grid.pitch_m / 2)
-    half = 0.5  # both grids begin at the same sample, so the finer one's centre lies half a finer sample further
-    (a, b, c), (d, e, f) = affine
-    total: Tensor | float = 0.0
-    for (y, weight_y), (x, weight_x) in product(nodes, nodes):
-        moved = c + a * y + b * x, f + d * y + e * x
-        source = ((a * scale, b * scale, moved[0] * scale - half), (d * scale, e * scale, moved[1] * scale - half))
-        total = total + weight_y * weight_x * squared_magnitude(band_limited_warp(field, source, points.shape))
-    assert isinstance(total, Tensor)
-    return total
-
-
-def _margins(grid: Grid, points: PixelGrid, affine: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
-    """Samples (y, x) to add on each side of the field so that it covers the camera's corners, within the padding."""
-    corner = [(n - 1) / 2 for n in points.shape]
-    margins = []
-    for axis, (a, b, c) in enumerate(affine):
-        farthest = (abs(a) * corner[0] + abs(b) * corner[1] + abs(c)) * points.pitch_m / grid.pitch_m
-        needed = math.ceil(farthest - (grid.shape[axis] - 1) / 2) + _INTERPOLATION_MARGIN
-        margins.append(max(0, min(needed, (grid.padded[axis] - grid.shape[axis]) // 2)))
-    return margins[0], margins[1]
-
-
-def _with_positive_nyquist(spectrum: Tensor, band: FrequencyBand) -> Tensor:
-    """The spectrum with a zero for the positive Nyquist frequency, which a full band of even length has as negative."""
-    for dim in (0, 1):
-        half = band.padded[dim] // 2
-        if spectrum.shape[dim] == band.padded[dim] == 2 * half:
-            zero = torch.zeros_like(spectrum.narrow(dim, 0, 1))
-            parts = (spectrum.narrow(dim, 0, half), zero, spectrum.narrow(dim, half, half))
-            spectrum = torch.cat(parts, dim=dim)
-    return spectrum
+    ordered = torch.fft.fftshift(spectrum)  # by frequency; which of them is in the middle changes phases only
+    affine = pose.inverse_affine(points.pitch_m)
+    return turned_power(ordered, affine, points.shape, (turns_y, turns_x), factor, nodes)
 
 
 def mean_over_pixels(image: Tensor, points: int) -> Tensor:
@@ -641,10 +606,6 @@ def _pixel_axis(grid: Grid, axis: int, slope: float, band: FrequencyBand, dtype:
 # --- Fourier bench ---
 
 
-_SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs
-_SPARE_SAMPLES = 16  # that interpolation needs at the edges: seven beyond each
-
-
 class FourierBenchModel(CameraModel):
     """Intensities on the camera in the focal plane of a lens. The plan has its plane at focal_length_m + defocus."""
 
@@ -743,42 +704,20 @@ class FourierBenchModel(CameraModel):
     def _intensity_at_turned_pixels(
         self, field: Tensor, component: IncoherentComponent, pixel_grid: PixelGrid, pose: Pose, nodes: Nodes
     ) -> Tensor:
-        """|E|² at pixels whose rows are turned against the modulator's, otherwise as `_intensity_at_pixels`.
-
-        On the line on which a row of pixels lies, |E|² is computed where columns of a regular grid cross it: sums along
-        x of the field's rows, then along y from another place for each column. Their step is the pixels' distance along
-        x or a whole part of it, so that one set of weights interpolates the whole row.
-        """
-        λ, slopes = self.wavelength_m(component), self.slopes(component)
-        (a, b, c), (d, e, f) = pose.inverse_affine(pixel_grid.pitch_m)
-        (rows, columns), dtype = pixel_grid.shape, torch.float64
-        stride = math.ceil(abs(e) * pixel_grid.pitch_m * _SAMPLES_PER_SPECKLE / self._speckle_m(component) - 1e-9)
+        """|E|² at pixels whose rows are turned against the modulator's, otherwise as `_intensity_at_pixels`."""
+        λ, slopes, modulator = self.wavelength_m(component), self.slopes(component), self.plan.system.modulators[0]
+        pitch_m = modulator.pitch_m * modulator.shape[0] / field.shape[0]
         sine = pixel_grid.pitch_m / self.focal_length_m  # of a distance of a pixel
-        pitch_m = self.plan.system.modulators[0].pitch_m * self.plan.system.modulators[0].shape[0] / field.shape[0]
         cycles = sine * pitch_m / λ  # of a distance of a pixel, per point of the field
-        tilt = [slope * (pitch_m / self.plan.grid.pitch_m) for slope in slopes]  # turns per point of the field
+        tilt_y, tilt_x = (slope * (pitch_m / self.plan.grid.pitch_m) for slope in slopes)  # turns per point
 
-        turn = stride * d / e  # samples that a row is moved along x, a row
-        width = math.ceil(stride * (columns - 1) + abs(turn) * rows) + _SPARE_SAMPLES + stride
-        place = centred_indices(width, dtype, field.device)  # along x, in samples from the middle of the camera
-        x = e / stride * place + f
-        lines = chirp_z_transform(field, float(x[0]) * cycles, e / stride * cycles, width)
-        lines = lines * (torch.special.sinc(x * cycles - tilt[1]) / field.shape[1] ** 0.5).to(self.real_dtype)
-        beside = b / stride * place  # of the places on a line, along y
-        points = centred_indices(field.shape[0], dtype, field.device)
-        lines = lines.T * phasor_of_turns(-cycles * beside[:, None] * points).to(self.dtype)
+        def factor(y: Tensor, x: Tensor) -> Tensor:
+            envelope = torch.special.sinc((y * cycles - tilt_y).to(self.real_dtype)).square()
+            envelope = envelope * torch.special.sinc(x * cycles - tilt_x).square().to(self.real_dtype)
+            return envelope * self._stop_mask(λ, y * sine, x * sine) / field.numel()
 
-        total = torch.zeros(pixel_grid.shape, dtype=self.real_dtype)
-        for node_y, weight_y in nodes:
-            row = centred_indices(rows, dtype, field.device) + node_y
-            along = (a - b * d / e) * row + c
-            light = chirp_z_transform(lines, float(along[0]) * cycles, (a - b * d / e) * cycles, rows).T
-            y = along[:, None] + beside
-            envelope = torch.special.sinc((y * cycles - tilt[0]).to(self.real_dtype)) / field.shape[0] ** 0.5
-            seen = squared_magnitude(light * envelope) * self._stop_mask(λ, y * sine, x * sine)
-            first = turn * row + (width - 1 - stride * (columns - 1)) / 2
-            total = total + weight_y * band_limited_rows(seen, first, stride, columns, nodes)
-        return total
+        turns = (0.0, cycles), (0.0, cycles)
+        return turned_power(field, pose.inverse_affine(pixel_grid.pitch_m), pixel_grid.shape, turns, factor, nodes)
 
     def _stop_mask(self, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
         """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns).

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import lru_cache
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -109,93 +108,3 @@ def interpolate_at(values: Tensor, position_y: Tensor, position_x: Tensor) -> Te
     normalised = torch.stack([position_x * scale_x, position_y * scale_y], dim=-1)[None]
     read = grid_sample(parts[None].contiguous(), normalised, padding_mode="border", align_corners=False)[0]
     return torch.view_as_complex(read.movedim(0, -1).contiguous()) if values.is_complex() else read[0]
-
-
-# --- affine warp of a band-limited map --------------------------------------------------------------------------------
-
-# Two passes along one axis each (Catmull and Smith, SIGGRAPH 1980): first along y to where the rows of the result cross
-# the columns of the map, then along x. The first pass shears, which widens the band along x by the rotation's tangent.
-
-
-_TAPS = 14
-_STEPS = 4096  # of the table of weights; linear interpolation between them errs by 1e-7
-_BETA = 7.86  # Kaiser's window: ripples of −80 dB, with a transition of 0.39 of the sampling frequency for 14 taps
-
-
-def band_limited_warp(values: Tensor, source: AffineRows, shape: tuple[int, int]) -> Tensor:
-    """A map whose entry at r = (y, x) is that of `values` at the affine image of r.
-
-    values: (y, x) real or complex, without frequencies outside the circle of a quarter of its sampling frequency;
-    continued outwards.
-    source: rows that take (y, x, 1), in samples from the centre of the result, to the position in `values`, in samples
-    from its centre. shape: (rows, columns) of the result.
-
-    Errors are at most 2.5e-4 of the sum of the amplitudes of its waves for rotations up to half a radian: a frequency
-    (k_y, k_x) has to leave |k_x| + |k_y|·tan below 0.305 of the sampling frequency. At the corner of a square band of a
-    quarter they are 6 % at half a radian, and within the bound up to 0.2 rad.
-    """
-    (a, b, c), (d, e, f) = source
-    rows, columns = (centred_indices(n, torch.float64, values.device) for n in shape)
-    x = centred_indices(values.shape[1], torch.float64, values.device)
-    column_of_x = (x[None, :] - d * rows[:, None] - f) / e  # of the result, where its row crosses a column of the map
-    at_rows = _interpolated(values, a * rows[:, None] + b * column_of_x + c, dim=0)
-    return _interpolated(at_rows, d * rows[:, None] + e * columns[None, :] + f, dim=1)
-
-
-def _interpolated(values: Tensor, position: Tensor, dim: int) -> Tensor:
-    """Values at positions along one axis, which count in samples from its centre; the other axis stays."""
-    n, weights = values.shape[dim], _weights(values.real.dtype, values.device)
-    place = position + (n - 1) / 2
-    first = torch.floor(place)
-    step = (place - first) * _STEPS
-    at = step.to(torch.int32).clamp(max=_STEPS - 1)
-    between, tap_0 = (step - at).to(weights.dtype), first.long() - (_TAPS // 2 - 1)
-    result = torch.zeros(position.shape, dtype=values.dtype, device=values.device)
-    for tap in range(_TAPS):
-        weight = torch.lerp(weights[tap][at], weights[tap][at + 1], between)
-        result = result + weight * torch.gather(values, dim, (tap_0 + tap).clamp(0, n - 1))
-    return result
-
-
-@lru_cache(maxsize=4)
-def _weights(dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Weight (tap, step) of each tap for positions 0 … 1 after the middle one, in steps, linear between them."""
-    part = torch.linspace(0.0, 1.0, _STEPS + 1, dtype=torch.float64, device=device)
-    taps = torch.arange(_TAPS, dtype=torch.float64, device=device)
-    return _kernel(part[None, :] + (_TAPS // 2 - 1) - taps[:, None]).to(dtype)
-
-
-def _kernel(distance: Tensor) -> Tensor:
-    """Weight of a sample at a distance, in samples; zero from half of the taps on."""
-    inside = (1 - (distance * (2 / _TAPS)).square()).clamp(min=0.0)
-    window = torch.special.i0(_BETA * inside.sqrt()) / torch.special.i0(torch.tensor(_BETA, dtype=torch.float64))
-    return torch.sinc(distance) * window * (inside > 0)
-
-
-def band_limited_rows(
-    values: Tensor, first: Tensor, stride: int, count: int, nodes: Sequence[tuple[float, float]]
-) -> Tensor:
-    """Each row of a map at equidistant places that begin elsewhere in each row, or weighted sums of what lies beside.
-
-    values: (rows, n), real, without frequencies above 0.305 of its sampling frequency along rows, beyond which errors
-    of 2.5e-4 of the sum of the amplitudes of its waves grow.
-    first: (rows,) float64, the first place of each row, in samples from its first sample. stride: whole samples from
-    one place to the next. count: places in a row. nodes: distances from a place, in strides, and their weights.
-    Every sample within half of the taps of such a point has to be in `values`.
-
-    Returns (rows, count).
-    """
-    points = [(stride * at, weight) for at, weight in nodes]
-    lowest, highest = min(points)[0], max(points)[0]
-    start = torch.floor(first + lowest).long() - (_TAPS // 2 - 1)
-    taps = torch.arange(_TAPS + math.floor(highest - lowest) + 1, device=values.device)
-    distance = (first - start)[:, None] - taps
-    weights = sum((weight * _kernel(distance + at) for at, weight in points), torch.zeros_like(distance)).to(
-        values.dtype
-    )
-    reach = stride * (count - 1) + 1
-    aligned = torch.gather(values, 1, start[:, None] + torch.arange(reach + len(taps) - 1, device=values.device))
-    result = torch.zeros(len(values), count, dtype=values.dtype, device=values.device)
-    for tap in range(len(taps)):
-        result = result + weights[:, tap, None] * aligned[:, tap : tap + reach : stride]
-    return result
