@@ -312,7 +312,7 @@ def test_a_turned_camera_sees_the_light_beside_the_modulator_too() -> None:
     large = dataclasses.replace(captures, images=np.zeros((1, 56, 72), np.uint16))
     straight = Predictor(large, double_precision=True)([0]).signal[0]
     turned = Predictor(large, double_precision=True)([0], {"camera_alignment": {"rotation": 1e-9}}).signal[0]
-    # Intensities err by twice the field's error, which is 1e-4 of its largest value at most (`band_limited_warp`).
+    # Interpolation along rows errs by 1.2e-4 of the sum of the power's waves (`turned_power`).
     assert float((turned - straight).abs().max() / straight.max()) < 2e-4
     torch.testing.assert_close(
         straight[8:48, 8:64], Predictor(captures, double_precision=True)([0]).signal[0], rtol=1e-7, atol=1e-9
@@ -414,7 +414,7 @@ def test_a_camera_pixel_of_a_fourier_bench_averages_points(effects: dict[str, di
 def test_a_turned_camera_of_a_fourier_bench_sees_the_sum_over_the_modulator(axis_m: tuple[float, float]) -> None:
     """Wherever its axis is: against |Σ t·exp(−2πi·x·r/(λf))|² at each turned pixel, times the envelope of a modulator
     pixel (Goodman, Introduction to Fourier Optics, section 5.2). Interpolation is good to 1e-3 of the brightest light
-    (`band_limited_warp`: 2.5e-4 of the sum of the waves' amplitudes)."""
+    (`turned_power`: 1.2e-4 of the sum of the power's waves)."""
     f, wavelength_m = 9e-3, 500e-9
     base = _captures(1, 1)
     captures = dataclasses.replace(

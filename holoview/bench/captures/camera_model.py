@@ -20,11 +20,11 @@ direction (Goodman, Introduction to Fourier Optics, 3rd ed., section 5.2). A def
 `sample_intensity` takes a field that is known by its spectrum to the camera's pixels, for any position of the camera.
 
 If the camera's pixels coincide with the simulation's samples, the samples are used directly. A camera with another
-pitch, shift or magnification gets the field at its pixels exactly, as a Fourier sum over the spectrum. A rotated camera
-gets it from a grid twice as fine, by windowed sinc interpolation, with an error of 1e-4. A pixel larger than a sample
-averages the intensity at several points; one that integrates averages it at Gauss–Legendre places across its area, as
-many as the finest structure of the light needs (`pixel_quadrature`). A camera that moves during an exposure averages it
-over positions.
+pitch, shift or magnification gets the field at its pixels exactly, as a Fourier sum over the spectrum. For a rotated
+camera the sum is taken where columns of a fine grid cross its rows, and the intensity is interpolated along each row,
+with an error of 1e-4 (`numerics.turned_grid`). A pixel larger than a sample averages the intensity at several points;
+one that integrates averages it at Gauss–Legendre places across its area, as many as the finest structure of the light
+needs (`pixel_quadrature`). A camera that moves during an exposure averages it over positions.
 
 `FrequencyBand` has the FFTs between a field and the frequencies that a relay passes. With an iris most frequencies of a
 padded grid are zero, and columns outside the band are never transformed. The field occupies the first samples of the
