@@ -16,7 +16,7 @@ import numpy as np
 from holoview.holograms.fields.propagation import Method, propagate_field
 from holoview.holograms.fields.wavefield import Wavefield
 from holoview.light.numerics.sampling import positions
-from holoview.light.optics.free_space import Window
+from holoview.light.optics.free_space import SampleWindow
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -33,7 +33,7 @@ def _beam(x: np.ndarray, distance_m: float) -> np.ndarray:
     return np.exp(-(x[:, None] ** 2 + x[None, :] ** 2) / (WAIST_M**2 * q)) / q
 
 
-def _direct_sum(values: np.ndarray, pitch_m: float, window: Window, distance_m: float) -> np.ndarray:
+def _direct_sum(values: np.ndarray, pitch_m: float, window: SampleWindow, distance_m: float) -> np.ndarray:
     y, x = (positions(n, pitch_m) for n in values.shape)
     found = np.empty(window.shape, complex)
     for row, column in np.ndindex(window.shape):
@@ -45,7 +45,7 @@ def _direct_sum(values: np.ndarray, pitch_m: float, window: Window, distance_m: 
     return found
 
 
-def _error(field: Wavefield, distance_m: float, method: Method, window: Window, expected: np.ndarray) -> str:
+def _error(field: Wavefield, distance_m: float, method: Method, window: SampleWindow, expected: np.ndarray) -> str:
     """Relative L2 error, and the largest error of the phase where the intensity is above a thousandth of its peak."""
     try:
         found = propagate_field(field, distance_m, method, window).values[0, 0].numpy()
@@ -58,10 +58,10 @@ def _error(field: Wavefield, distance_m: float, method: Method, window: Window, 
 
 def main() -> None:
     """Prints the table."""
-    side = Window((1024, 1024), (8e-6, 8e-6))
+    side = SampleWindow((1024, 1024), (8e-6, 8e-6))
     beam = _wavefield(_beam(side.positions_m(0), 0.0), 8e-6)
     values = np.exp(2j * math.pi * np.random.default_rng(0).random((48, 48)))
-    hard, small = _wavefield(values, 4e-6), Window((16, 16), (12e-6, 12e-6))
+    hard, small = _wavefield(values, 4e-6), SampleWindow((16, 16), (12e-6, 12e-6))
     print(
         "| distance | beam, asm | beam, fresnel | hard edges, asm | hard edges, fresnel |", "| --- " * 5 + "|", sep="\n"
     )

@@ -32,7 +32,7 @@ from benchmarks.common import append_line, count_of, lines_or_summary, read_line
 from benchmarks.diagnosis import bench
 from holoview.bench.diagnose.fit import free_parameters_of, has_list
 from holoview.bench.diagnose.power_law import changes_only_power
-from holoview.bench.experiment.capture_choice import Choice, Proposal, draw_proposals
+from holoview.bench.experiment.capture_choice import NextCapture, Proposal, draw_proposals
 from holoview.bench.experiment.closed_loop import (
     ClosedLoop,
     InformedPlanner,
@@ -98,9 +98,9 @@ class RandomPlanner:
     def __init__(self, rig: RigDescription, seed: int = 0) -> None:
         self._rig, self._rng = rig, np.random.default_rng((seed, 2))
 
-    def next(self, state: PlannerState) -> Choice | None:
+    def next(self, state: PlannerState) -> NextCapture | None:
         """A random one."""
-        return Choice(draw_proposals(self._rig, self._rng, 1)[0], "drawn by chance")
+        return NextCapture(draw_proposals(self._rig, self._rng, 1)[0], "drawn by chance")
 
 
 class OraclePlanner(InformedPlanner):
@@ -110,7 +110,7 @@ class OraclePlanner(InformedPlanner):
         super().__init__(rig)
         self._truth = truth
 
-    def next(self, state: PlannerState) -> Choice | None:
+    def next(self, state: PlannerState) -> NextCapture | None:
         """The capture that promises most where the truth is as probable as the loop's leader."""
         belief = state.belief
         if belief is None or any(name not in belief.context.effects for name in self._truth):
@@ -130,7 +130,7 @@ class FixedPlanner:
     def __init__(self, rig: RigDescription) -> None:
         self._rig, self._requests = rig, default_plan(rig).requests
 
-    def next(self, state: PlannerState) -> Choice | None:
+    def next(self, state: PlannerState) -> NextCapture | None:
         """The next one of the plan; None at its end."""
         if state.count >= len(self._requests):
             return None
@@ -138,7 +138,7 @@ class FixedPlanner:
         words = f"noise blurred by {request.sigma_px:g} px"
         levels = request.levels(self._rig)
         proposal = Proposal(request.wavelength_m, request.distance_m, request.power, levels, words)
-        return Choice(proposal, "next of the plan")
+        return NextCapture(proposal, "next of the plan")
 
 
 def hidden_candidates() -> list[str]:

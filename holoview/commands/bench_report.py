@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from holoview.commands.console import EXIT_FAILED, deferred_interrupt, print_stderr, progress_bar
-from holoview.evidence.benchmark.report_run import VIEWER, Measurement, ReportOptions, ReportRun
+from holoview.evidence.benchmark.report_run import VIEWER, ReportMeasurement, ReportOptions, ReportRun
 from holoview.evidence.benchmark.report_text import report_markdown
 from holoview.light.gpu.device import Device
 from holoview.util.file_writer import make_folder, write_file
@@ -51,7 +51,7 @@ def write_report(device: Device, options: ReportOptions, folder: Path) -> int:
     return 0
 
 
-def measurements_of(run: ReportRun) -> list[Measurement]:
+def measurements_of(run: ReportRun) -> list[ReportMeasurement]:
     """All measurements of a report, in order."""
     return [*run.measurements(), _viewer(run.device, run.options)]
 
@@ -63,7 +63,7 @@ def report_name(data: dict[str, Any]) -> str:
     return f"holoview-bench-{adapter or 'adapter'}-{begun}.md"
 
 
-def _viewer(device: Device, options: ReportOptions) -> Measurement:
+def _viewer(device: Device, options: ReportOptions) -> ReportMeasurement:
     """The measurement of the viewer, which needs the libraries of its window."""
 
     def measure() -> dict[str, Any]:
@@ -73,7 +73,7 @@ def _viewer(device: Device, options: ReportOptions) -> Measurement:
         system = options.system.edit({"shape": [rows, columns]})
         return measure_frame_rate(system, device, _WINDOW, _VIEWER_ROUNDS, options.limit_s)
 
-    return Measurement(VIEWER, "a scrub", measure)
+    return ReportMeasurement(VIEWER, "a scrub", measure)
 
 
 def _write(run: ReportRun, path: Path) -> None:

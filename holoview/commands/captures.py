@@ -27,7 +27,7 @@ from holoview.bench.captures.picture_files import (
     read_pairs,
     read_pattern,
 )
-from holoview.bench.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
+from holoview.bench.captures.picture_import import KnownCamera, PictureAndPattern, import_pictures, overlay_sheet
 from holoview.bench.captures.records import find_record_errors
 from holoview.bench.captures.slmsuite_calibration import FourierCalibration, read_slmsuite
 from holoview.bench.captures.validation import capture_sheet, summarise
@@ -304,7 +304,9 @@ def _import_pictures(args: argparse.Namespace, pairs: list[Pair], notes: list[st
             notes.append(loss.sentence(pair.picture.name))
             losses.append(loss.error_counts)
         settings = [a if math.isnan(b) else b for a, b in ((pair.power, power), (pair.exposure_s, exposure_s))]
-        shown.append(Shown(picture, read_pattern(pair.pattern), pair.picture.name, pair.pattern.name, *settings))
+        shown.append(
+            PictureAndPattern(picture, read_pattern(pair.pattern), pair.picture.name, pair.pattern.name, *settings)
+        )
     usable = _usable(args, shown[0].picture.shape[:2])
     camera = KnownCamera(args.bit_depth, **given, compression_counts=max(losses))
     with progress_bar("placing the pictures") as report:

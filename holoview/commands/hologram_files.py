@@ -331,7 +331,7 @@ def _from_image(planes: str | list[str], moved_m: float) -> str | list[str]:
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownSystem:
     """A system and the drive that it shows; None of a preset.
 
     read: the properties that were read of files, for JSON; else empty. other_side: the system and the drive of the
@@ -348,7 +348,7 @@ class Shown:
     guess_notes: tuple[str, ...] = ()
 
 
-def shown_by_args(args: argparse.Namespace) -> Shown:
+def shown_by_args(args: argparse.Namespace) -> ShownSystem:
     """The bench or the hologram that PRESET|FILE… of `args.names` names, with the changes of --set, --scheme and
     --effects.
 
@@ -358,7 +358,7 @@ def shown_by_args(args: argparse.Namespace) -> Shown:
     if len(names) == 1 and is_preset(names[0]):
         args.preset = names[0]
         check_no_field_options(args, f"the preset {names[0]}")
-        return Shown(system_from_args(args), None)
+        return ShownSystem(system_from_args(args), None)
     if args.scheme is not None:
         raise UserError("--scheme", "with a hologram", expected="the lasers and frames that it was made for")
     effects = parse_effects(getattr(args, "switched_on", []))  # first: a bench may name effects of the user's files
@@ -371,7 +371,7 @@ def shown_by_args(args: argparse.Namespace) -> Shown:
     other = None if opened.other_side is None else changed(opened.other_side)
     guesses = [{"name": known.key, "value": known.value, "reason": known.reason} for known in opened.guesses]
     read = reading_as_json(opened, names)
-    return Shown(*changed(opened.hologram), read, other, opened.light, guesses, opened.guess_notes)
+    return ShownSystem(*changed(opened.hologram), read, other, opened.light, guesses, opened.guess_notes)
 
 
 def reading_as_json(opened: OpenedHologram, names: Sequence[str]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from holoview.commands.arguments import add_changes, add_effects
 from holoview.commands.console import print_json, print_stderr
-from holoview.commands.hologram_files import NAMES_HELP, Shown, add_field_options, shown_by_args
+from holoview.commands.hologram_files import NAMES_HELP, ShownSystem, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input, add_output, check_files
 from holoview.holograms.optimise.memory import peak_bytes
 from holoview.holograms.view import simulate
@@ -25,7 +25,7 @@ from holoview.light.model.derived_numbers import info_rows
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.plan import make_plan
-from holoview.light.model.validity import Light
+from holoview.light.model.validity import LightFigures
 from holoview.util.drawing import as_png, as_svg
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _passed(shown: Shown) -> dict[str, float]:
+def _passed(shown: ShownSystem) -> dict[str, float]:
     """The light that is left behind each element of a chain; nothing of a preset, other benches, and large ones."""
     system = shown.system
     samples = math.prod(system.way.shape) * len(system.wavelengths_m) * system.frames
@@ -108,7 +108,7 @@ def _passed(shown: Shown) -> dict[str, float]:
     return light_behind_elements(make_plan(system), shown.drive)
 
 
-def _budget(shown: Shown) -> LightBudget | None:
+def _budget(shown: ShownSystem) -> LightBudget | None:
     """Where the light of a hologram goes at its middle plane; None of a preset, without light, or where it is large."""
     if shown.drive is None or shown.system.is_chain or shown.drive.size > _MOST_SUMMED:
         return None
@@ -117,18 +117,18 @@ def _budget(shown: Shown) -> LightBudget | None:
     return went if np.isfinite(went.total).all() else None
 
 
-def _light(shown: Shown) -> Light:
+def _light(shown: ShownSystem) -> LightFigures:
     """The light of a field in the picture of its middle plane, and at the edge of its band; unknown of other benches.
 
     It takes a simulation of the plane; a field of more than `_MOST_SUMMED` numbers isn't summed.
     """
     if not shown.system.is_field:
-        return Light()
+        return LightFigures()
     planes_m = focused_planes(shown.system)
     plane_m = float(planes_m[len(planes_m) // 2])
     at_edge = edge_power(shown.drive) if plane_m else None  # at 0 nothing propagates
     if shown.drive.size > _MOST_SUMMED:
-        return Light(at_edge=at_edge)
+        return LightFigures(at_edge=at_edge)
     view = simulate(shown.system, shown.drive, [plane_m], backend="torch")
     share = math.nan if view.light is None else float(view.light.by_plane[0]) * shown.light
-    return Light(None if math.isnan(share) else share, plane_m, at_edge)
+    return LightFigures(None if math.isnan(share) else share, plane_m, at_edge)

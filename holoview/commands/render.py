@@ -31,7 +31,7 @@ from holoview.commands.arguments import (
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import (
     NAMES_HELP,
-    Shown,
+    ShownSystem,
     add_field_options,
     check_no_field_options,
     is_preset,
@@ -223,7 +223,10 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
 
 
 def _write_numbers(
-    args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64], report: Callable[[dict[str, Any]], None]
+    args: argparse.Namespace,
+    shown: ShownSystem,
+    planes_m: NDArray[np.float64],
+    report: Callable[[dict[str, Any]], None],
 ) -> int:
     """Writes the light at all planes as numbers, without exposure, and prints the file's name."""
     system, output = shown.system, args.output
@@ -253,7 +256,7 @@ def _write_numbers(
     return saver.exit_code
 
 
-def _light_shares(view: View, shown: Shown) -> list[float | None]:
+def _light_shares(view: View, shown: ShownSystem) -> list[float | None]:
     """The share of the light that is in the picture of each plane; None without light.
 
     Of a field that was brought to its image, in the light of the field itself.
@@ -294,7 +297,10 @@ def _simulated(
 
 
 def _show_field(
-    args: argparse.Namespace, shown: Shown, planes_m: NDArray[np.float64], report: Callable[[dict[str, Any]], None]
+    args: argparse.Namespace,
+    shown: ShownSystem,
+    planes_m: NDArray[np.float64],
+    report: Callable[[dict[str, Any]], None],
 ) -> int:
     """Writes a PNG of the field at a stage for each plane, and prints what its colours mean."""
     system, stage, laser = shown.system, args.stage or "plane", (args.laser or 1) - 1
@@ -336,7 +342,7 @@ def _field_picture(values: NDArray[np.complexfloating], quantity: str) -> FieldP
     return linear_picture(unwrapped_phase(values), "rad")
 
 
-def _shown(args: argparse.Namespace) -> Shown:
+def _shown(args: argparse.Namespace) -> ShownSystem:
     """The bench and its patterns (frame, modulator, y, x), from a hologram file, pattern images, or at random."""
     named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
     if len(named) > 1:
@@ -350,7 +356,7 @@ def _shown(args: argparse.Namespace) -> Shown:
         return shown_by_args(args)
     args.preset = args.names[0] if args.names else None
     check_no_field_options(args, f"the preset {args.preset}" if args.preset else "no file")
-    return Shown(*_system_and_drive(args))
+    return ShownSystem(*_system_and_drive(args))
 
 
 def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:

@@ -24,7 +24,7 @@ from holoview.bench.rig.align import (
     registration_of,
     sentences,
 )
-from holoview.bench.rig.camera_pictures import Settling, measure_settling, share_deviation, take_exposed
+from holoview.bench.rig.camera_pictures import SettlingTime, measure_settling, share_deviation, take_exposed
 from holoview.bench.rig.description import with_settle
 from holoview.bench.rig.devices import Counts, Devices, limit_devices
 from holoview.bench.rig.registration import register_devices, registration_path, write_registration
@@ -245,7 +245,7 @@ def _settling(args: argparse.Namespace) -> int:
     return 0
 
 
-def _settling_words(found: Settling, wait_s: float, stated_s: float) -> str:
+def _settling_words(found: SettlingTime, wait_s: float, stated_s: float) -> str:
     if found.constant_s == 0:
         return f"settled in its first picture; settle = {stated_s:g} s is enough"
     verdict = "is enough" if wait_s <= stated_s else "is too short"

@@ -26,7 +26,7 @@ from holoview.evidence.study.hologram_study import target_picture
 from holoview.evidence.study.runner import ResultStore
 from holoview.evidence.sweep.axes import Axis, check_key, grid_points, is_of_optimiser, split_changes
 from holoview.evidence.sweep.measures import MEASURES, parse_measures
-from holoview.evidence.sweep.points import PointRunner, Sweep, SweptTarget
+from holoview.evidence.sweep.points import ParameterSweep, PointRunner, SweptTarget
 from holoview.evidence.sweep.results import (
     as_csv,
     as_json,
@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _sweep(args: argparse.Namespace, axes: list[Axis], tolerances: list[Tolerance]) -> Sweep:
+def _sweep(args: argparse.Namespace, axes: list[Axis], tolerances: list[Tolerance]) -> ParameterSweep:
     """What the arguments say. Raises UserError for what contradicts each other; says what it takes for granted."""
     shown = shown_by_args(args)
     for note in shown.guess_notes:
@@ -156,7 +156,7 @@ def _sweep(args: argparse.Namespace, axes: list[Axis], tolerances: list[Toleranc
             print_stderr("note: random patterns are shown beside it; --optimise N finds patterns")
     elif args.brightness is not None:
         raise UserError("--brightness", "without a target", expected="both, or neither")
-    sweep = Sweep(shown.system, names, shown.drive, args.random, args.plane, None, target, settings, args.cold)
+    sweep = ParameterSweep(shown.system, names, shown.drive, args.random, args.plane, None, target, settings, args.cold)
     files = tuple(str(Path(text).absolute()) for text in args.switched_on if text.endswith(".py") and "=" not in text)
     region = None if args.region is None else parse_region(args.region)
     return replace(sweep, region=region, light=shown.light, effect_files=files)
@@ -170,7 +170,7 @@ def _write(
     args: argparse.Namespace,
     axes: list[Axis],
     runner: PointRunner,
-    sweep: Sweep,
+    sweep: ParameterSweep,
     found: ToleranceTable | None,
     seconds: float,
 ) -> None:

@@ -32,7 +32,7 @@ from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
 if TYPE_CHECKING:
-    from holoview.holograms.files.light_file import Light
+    from holoview.holograms.files.light_file import PlaneLight
     from holoview.light.engine.point_light import PointLight, Sections
     from holoview.light.engine.torch_executor import StageField
 
@@ -488,7 +488,7 @@ def save(what: View | Hologram, path: str | os.PathLike[str], colour_space: str 
     write_light(path, light_numbers(what, COLOUR_SPACES[colour_space]))
 
 
-def light_numbers(view: View, space: ColourSpace, **about: Any) -> Light:
+def light_numbers(view: View, space: ColourSpace, **about: Any) -> PlaneLight:
     """The numbers of a view, with linear RGB of a colour space. about: further JSON values for the file."""
     from holoview.holograms.files.light_writer import make_light  # as in `save`
 

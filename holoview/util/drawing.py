@@ -49,7 +49,7 @@ _PNG_SCALE = 2
 
 
 @dataclass(frozen=True)
-class Stroke:
+class DrawnLine:
     """A line through points. role: of `_COLOURS`. key: of what it stands for, "" for nothing in particular.
 
     is_filled: whether it is the edge of an area.
@@ -85,7 +85,7 @@ class Drawing:
 
     width: float
     height: float
-    strokes: tuple[Stroke, ...]
+    strokes: tuple[DrawnLine, ...]
     labels: tuple[Label, ...]
     areas: tuple[tuple[str, Box], ...] = ()
     title: str = ""

@@ -26,7 +26,7 @@ from holoview.evidence.benchmark.report_run import (
     POWER,
     QUALITY,
     VIEWER,
-    Measurement,
+    ReportMeasurement,
     ReportRun,
 )
 from holoview.evidence.benchmark.report_text import Values, report_markdown, results
@@ -153,7 +153,7 @@ def test_what_fails_is_in_the_report_and_the_rest_is_measured(
 def test_a_strategy_that_the_search_refused_is_not_run(device: Device) -> None:
     run = ReportRun(device, report_run.ReportOptions(report_run.parity_bench(), ((64, 48),), (1,), rounds=1))
     refused = {"size": [64, 48], "refused": {"workgroup": "gives wrong results"}}
-    run.make(Measurement(report_run.TUNING, "64 × 48", lambda: refused))
+    run.make(ReportMeasurement(report_run.TUNING, "64 × 48", lambda: refused))
     for measurement in run.measurements():
         if measurement.section == FRAMES:
             run.make(measurement)

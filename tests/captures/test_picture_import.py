@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.bench.captures.dataset import SHAPE_KEEPING, turned
-from holoview.bench.captures.picture_import import KnownCamera, Shown, import_pictures, overlay_sheet
+from holoview.bench.captures.picture_import import KnownCamera, PictureAndPattern, import_pictures, overlay_sheet
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.unknown_settings import dark_noise
 from holoview.util.errors import UserError
@@ -25,7 +25,7 @@ def test_orientation_focal_length_and_axis_are_found(orientation: str) -> None:
     pattern = spread_pattern(3)
     upright = photograph(pattern, bench, seed=4)
     taken = np.ascontiguousarray(turned(upright, orientation))
-    found = import_pictures([Shown(taken, pattern)], focal_length_m=0.26, **KNOWN)
+    found = import_pictures([PictureAndPattern(taken, pattern)], focal_length_m=0.26, **KNOWN)
     captures = found.captures
     assert found.placements[0].orientation == orientation
     # Scales are tried in steps of 0.6 %, and envelopes are binned by two pixels or so; speckle then moves the axis.
@@ -40,7 +40,7 @@ def test_the_saturated_zero_order_and_what_is_masked_are_left_out() -> None:
     pattern, picture = spread_pattern(5), photograph(spread_pattern(5), FarField(coma=0, defocus=0), seed=6)
     usable = np.ones(picture.shape, bool)
     usable[:, 300:] = False
-    found = import_pictures([Shown(picture, pattern)], focal_length_m=0.25, usable=usable, **KNOWN)
+    found = import_pictures([PictureAndPattern(picture, pattern)], focal_length_m=0.25, usable=usable, **KNOWN)
     row, column = (round(a) for a in FarField().axis)
     kept = found.captures.usable_pixels(0)
     assert not kept[row - 1 : row + 2, column - 1 : column + 2].any()
@@ -54,20 +54,20 @@ def test_a_pattern_that_was_not_shown_is_refused() -> None:
     picture = photograph(spread_pattern(7), FarField(coma=0, defocus=0), seed=8)
     other = np.random.default_rng(9).integers(0, 256, (96, 128)).astype(np.uint8)
     with pytest.raises(UserError, match="stands nowhere"):
-        import_pictures([Shown(picture, other)], focal_length_m=0.25, **KNOWN)
+        import_pictures([PictureAndPattern(picture, other)], focal_length_m=0.25, **KNOWN)
 
 
 BENCH = FarField(coma=-0.3, defocus=0.1)
 
 
-def _shown(seeds: list[int], wrong: int | None = None) -> list[Shown]:
+def _shown(seeds: list[int], wrong: int | None = None) -> list[PictureAndPattern]:
     """Pictures of one bench with their patterns; the pattern of the picture `wrong` is another one."""
     patterns = [spread_pattern(seed) for seed in seeds]
     pictures = [photograph(pattern, BENCH, seed=seed + 100) for pattern, seed in zip(patterns, seeds, strict=True)]
     if wrong is not None:
         patterns[wrong] = spread_pattern(999)
     pairs = enumerate(zip(pictures, patterns, strict=True))
-    return [Shown(a, b, f"seen{k}.png", f"mask{k}.png") for k, (a, b) in pairs]
+    return [PictureAndPattern(a, b, f"seen{k}.png", f"mask{k}.png") for k, (a, b) in pairs]
 
 
 def test_several_pictures_have_one_geometry() -> None:
@@ -109,7 +109,7 @@ def test_the_camera_is_estimated_where_nobody_states_it() -> None:
 def test_a_picture_that_shows_a_corner_of_the_far_field_is_refused() -> None:
     picture = photograph(spread_pattern(7), FarField(), seed=8)[:64, :64]
     with pytest.raises(UserError, match="pixels of a far field"):
-        import_pictures([Shown(picture, spread_pattern(7))], focal_length_m=0.5, **KNOWN)
+        import_pictures([PictureAndPattern(picture, spread_pattern(7))], focal_length_m=0.5, **KNOWN)
 
 
 def test_pictures_of_several_shapes_are_refused() -> None:
@@ -129,7 +129,7 @@ def test_pictures_of_several_shapes_are_refused() -> None:
 )
 def test_pictures_that_cant_be_placed_are_refused(picture: np.ndarray, pattern: np.ndarray, said: str) -> None:
     with pytest.raises(UserError, match=said):
-        import_pictures([Shown(picture, pattern)], **KNOWN)
+        import_pictures([PictureAndPattern(picture, pattern)], **KNOWN)
 
 
 def test_the_noise_of_dark_pixels_is_measured() -> None:

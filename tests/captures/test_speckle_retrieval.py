@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from holoview.bench.captures.picture_import import Shown, import_pictures
+from holoview.bench.captures.picture_import import PictureAndPattern, import_pictures
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import LightRetrieval, nearest_beam
 from holoview.light.numerics.surfaces import zernike
@@ -38,7 +38,7 @@ def test_light_is_retrieved_without_a_start() -> None:
     bench = FarField(radius=36.0)
     pattern = spread_pattern(3)
     captures = import_pictures(
-        [Shown(photograph(pattern, bench, 4), pattern)],
+        [PictureAndPattern(photograph(pattern, bench, 4), pattern)],
         wavelength_m=WAVELENGTH_M,
         pitch_m=PITCH_M,
         camera_pitch_m=CAMERA_PITCH_M,

@@ -19,7 +19,7 @@ import pytest
 from holoview.evidence.study import runner
 from holoview.evidence.study.runner import ExecutionTarget, ResultStore
 from holoview.evidence.sweep.axes import Axis, grid_points, own_value, parse_axis, settings_with
-from holoview.evidence.sweep.points import PointRunner, Sweep, SweptTarget
+from holoview.evidence.sweep.points import ParameterSweep, PointRunner, SweptTarget
 from holoview.evidence.sweep.tolerance import Tolerance, find_limits, parse_tolerance
 from holoview.holograms.files.pictures import write_png
 from holoview.holograms.hologram import Hologram, load_hologram
@@ -136,7 +136,7 @@ def test_an_interrupted_sweep_keeps_its_points_in_the_table(
 
 def test_a_row_begins_with_neighbours_patterns_and_other_parameters_don_t_mix(tmp_path: Path, picture: Path) -> None:
     """Each start is the drive of the neighbour with the same other parameters; the first is found again."""
-    sweep = Sweep(small(), ("psnr",), target=SweptTarget(str(picture)), settings=Settings(iterations=1))
+    sweep = ParameterSweep(small(), ("psnr",), target=SweptTarget(str(picture)), settings=Settings(iterations=1))
     axes = [Axis("gap", (1e-3, 2e-3, 3e-3), "mm", True), Axis("optimiser.eyebox", (0, 1))]
     swept = PointRunner(sweep, axes, ResultStore(tmp_path / "points", keeps_holograms=True))
     swept.run_grid(grid_points(axes))
@@ -317,5 +317,7 @@ def test_jobs_go_to_any_executor_of_the_studies(tmp_path: Path, monkeypatch: pyt
     results = []
     for place, target in enumerate((ExecutionTarget(), ExecutionTarget(1, "tcp://anywhere:1"))):
         store = ResultStore(tmp_path / str(place))
-        results.append(PointRunner(Sweep(small(), ("light",), drive), axes, store, target).run_grid(grid_points(axes)))
+        results.append(
+            PointRunner(ParameterSweep(small(), ("light",), drive), axes, store, target).run_grid(grid_points(axes))
+        )
     assert results[0] == results[1]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.captures.picture_import import Shown, import_pictures
+from holoview.bench.captures.picture_import import PictureAndPattern, import_pictures
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.speckle_evidence import light_by_speckle
 from holoview.light.model.effects.registry import listed_effects
@@ -23,7 +23,8 @@ HALF_PX = 64.0  # of the modulator's longer side
 def _captures(bench: FarField, seed: int, pictures: int = 1) -> Captures:
     patterns = [spread_pattern(seed + number) for number in range(pictures)]
     shown = [
-        Shown(photograph(pattern, bench, seed + 50), pattern, f"{k}", f"{k}") for k, pattern in enumerate(patterns)
+        PictureAndPattern(photograph(pattern, bench, seed + 50), pattern, f"{k}", f"{k}")
+        for k, pattern in enumerate(patterns)
     ]
     return import_pictures(shown, focal_length_m=0.25, **KNOWN).captures
 

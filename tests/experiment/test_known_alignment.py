@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from holoview.bench.experiment.rig_bench import within_alignment
-from holoview.bench.rig.registration import Measured
+from holoview.bench.rig.registration import UncertainValue
 from tests.rig.test_registration import REGISTRATION, VALUES
 
 # Of PLACEMENT: the stage's zero is known to 1 µm, its scale to 1e-4 (1 µm at 10 mm), the shift in y to 0.1 µm.
@@ -36,5 +36,5 @@ def test_only_what_an_alignment_leaves_open_is_within_it(effect: str, values: di
 
 
 def test_values_are_those_of_the_comments() -> None:
-    assert VALUES["stage_offset"] == Measured(0.25e-3, 1e-6) and VALUES["stage_scale"].uncertainty == 1e-4
+    assert VALUES["stage_offset"] == UncertainValue(0.25e-3, 1e-6) and VALUES["stage_scale"].uncertainty == 1e-4
     assert REGISTRATION.setting_m(Z) == pytest.approx(10e-3)

@@ -15,7 +15,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.bench.calibrate.train import CalibrationCheckpoint, CalibrationSettings, TrainingProgress
-from holoview.bench.rig.registration import Measured, Registration, write_registration
+from holoview.bench.rig.registration import Registration, UncertainValue, write_registration
 from holoview.evidence.study.runner import ResultStore
 from holoview.evidence.study.study import JobResult, StudyJob
 from holoview.holograms.files.pictures import write_pattern
@@ -185,9 +185,9 @@ distances = ["3 mm", "4 mm"]
 """
 _EXPOSURES = "wavelength_nm,power,exposure_s\n450,0.5,0.01\n638,1,0.02\n"
 _MEASURED = {
-    **dict.fromkeys(("rotation", "shift_y", "shift_x", "walk_y", "walk_x", "stage_offset"), Measured(1e-6, 1e-7)),
-    "stage_scale": Measured(0.01, 0.001),
-    "pitch": Measured(3.9e-6, 1e-9),
+    **dict.fromkeys(("rotation", "shift_y", "shift_x", "walk_y", "walk_x", "stage_offset"), UncertainValue(1e-6, 1e-7)),
+    "stage_scale": UncertainValue(0.01, 0.001),
+    "pitch": UncertainValue(3.9e-6, 1e-9),
 }
 _PLACEMENT = Registration("rotate_180", None, (0, 0), (32, 48), (16, 24), (32, 48), _MEASURED)
 

@@ -22,7 +22,7 @@ from holoview.light.gpu.line_fft import (
 )
 from holoview.light.gpu.recorder import CommandRecorder
 from holoview.light.gpu.shader import GeneratedWgsl
-from holoview.light.gpu.spectrum_order import Direction, Step
+from holoview.light.gpu.spectrum_order import Direction, LineTransform
 from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
@@ -65,7 +65,7 @@ def _run(device: Device, strategy: Strategy, axis: Axis, steps: tuple[Direction,
     if at_start:
         text = text.replace("given[index_of(p)]", f"given[index_of({natural})]")
     text = text.replace("NY", str(ny)).replace("NX", str(nx))
-    whole = [Step(direction) for direction in steps]
+    whole = [LineTransform(direction) for direction in steps]
     transform = LineFft(device, axis, (ny, nx), whole, Hooks("test", (GeneratedWgsl("hooks", text),)), strategy)
     buffers = [device.upload(given, "given"), device.buffer(given.nbytes, "found")]
     work = device.buffer(FIELDS * transform.work_bytes, "work") if transform.work_bytes else None
@@ -120,5 +120,5 @@ def test_a_line_belongs_to_as_many_lanes_as_its_length_allows(n: int, largest: i
 
 def test_the_last_workgroup_stores_no_line_twice() -> None:
     assert subgroup_workgroups(8, 9) == 3
-    text = generate_subgroup_shader("x", 64, 8, (Step("forward"),))
+    text = generate_subgroup_shader("x", 64, 8, (LineTransform("forward"),))
     assert "if (is_valid_line) {" in text and text.count("store(") == 8

@@ -13,7 +13,7 @@ from holoview.light.gpu.line_fft import (
     Axis,
     Hooks,
     LineFft,
-    Step,
+    LineTransform,
     Strategy,
     can_transform_repeats,
     spectrum_order,
@@ -42,15 +42,27 @@ fn middle(p: vec3u, value: vec2f) -> vec2f {
 }
 fn store(p: vec3u, value: vec2f) { found[index_of(LINE, OUTPUT, NXu)] += value; }
 """
-CASES: dict[str, tuple[Step, ...]] = {
-    "a band of the spectrum of some points": (Step("forward", points=(9, 40), band=(-13, 13)),),
-    "some points of a band that lies aside": (Step("inverse", points=(30, 61), band=(4, 20)),),
-    "a band wider than half": (Step("forward", band=(-25, 30)), Step("inverse", points=(0, 3), band=(-25, 30))),
-    "points and a band between": (Step("forward", (16, 47), (-16, 15)), Step("inverse", (16, 47), (-16, 15))),
-    "a band to another band": (Step("inverse", (8, 50), (-7, 7)), Step("forward", (8, 50), (-31, -3))),
-    "repeated": (Step("forward", repeats=2), Step("inverse")),
-    "some points repeated to a band": (Step("forward", (5, 20), repeats=2), Step("inverse", (10, 41), (-15, 15))),
-    "repeated three times": (Step("forward", repeats=3), Step("inverse", (0, 100), (-40, 2))),
+CASES: dict[str, tuple[LineTransform, ...]] = {
+    "a band of the spectrum of some points": (LineTransform("forward", points=(9, 40), band=(-13, 13)),),
+    "some points of a band that lies aside": (LineTransform("inverse", points=(30, 61), band=(4, 20)),),
+    "a band wider than half": (
+        LineTransform("forward", band=(-25, 30)),
+        LineTransform("inverse", points=(0, 3), band=(-25, 30)),
+    ),
+    "points and a band between": (
+        LineTransform("forward", (16, 47), (-16, 15)),
+        LineTransform("inverse", (16, 47), (-16, 15)),
+    ),
+    "a band to another band": (
+        LineTransform("inverse", (8, 50), (-7, 7)),
+        LineTransform("forward", (8, 50), (-31, -3)),
+    ),
+    "repeated": (LineTransform("forward", repeats=2), LineTransform("inverse")),
+    "some points repeated to a band": (
+        LineTransform("forward", (5, 20), repeats=2),
+        LineTransform("inverse", (10, 41), (-15, 15)),
+    ),
+    "repeated three times": (LineTransform("forward", repeats=3), LineTransform("inverse", (0, 100), (-40, 2))),
 }
 
 Complex = NDArray[np.complexfloating]
@@ -64,7 +76,7 @@ def _is_within(n: int, indices: NDArray[np.int64], wanted: Range | None) -> NDAr
     return np.ones(n, bool) if wanted is None else (indices >= wanted[0]) & (indices <= wanted[1])
 
 
-def _given(n: int, step: Step) -> Complex:
+def _given(n: int, step: LineTransform) -> Complex:
     """Random values where the step allows them, (LINES, n)."""
     parts = np.random.default_rng(3).standard_normal((2, LINES, n))
     count = n // step.repeats
@@ -74,7 +86,7 @@ def _given(n: int, step: Step) -> Complex:
     return np.where(kept, parts[0] + 1j * parts[1], 0).astype(np.complex64)
 
 
-def _run(device: Device, strategy: Strategy, axis: Axis, steps: tuple[Step, ...], given: Complex) -> Complex:
+def _run(device: Device, strategy: Strategy, axis: Axis, steps: tuple[LineTransform, ...], given: Complex) -> Complex:
     n = given.shape[1]
     frequency = f"frequency_{axis}(p.{axis})"
     order = spectrum_order(device, n, strategy, steps[0].band)
@@ -97,7 +109,7 @@ def _run(device: Device, strategy: Strategy, axis: Axis, steps: tuple[Step, ...]
     return device.download(buffers[1], np.complex64, given.shape)
 
 
-def _expected(steps: tuple[Step, ...], given: Complex) -> Complex:
+def _expected(steps: tuple[LineTransform, ...], given: Complex) -> Complex:
     values, n = given.astype(np.complex128), given.shape[1]
     indices = np.arange(n)
     for number, step in enumerate(steps):
@@ -114,7 +126,7 @@ def _expected(steps: tuple[Step, ...], given: Complex) -> Complex:
     return values
 
 
-def _wanted(n: int, step: Step) -> NDArray[np.bool_]:
+def _wanted(n: int, step: LineTransform) -> NDArray[np.bool_]:
     is_point = step.direction == "inverse"
     return _is_within(n, np.arange(n) if is_point else frequency_indices(n), step.points if is_point else step.band)
 
@@ -135,7 +147,7 @@ def test_values_outside_a_band_are_neither_loaded_nor_stored(device: Device) -> 
     """64 points, whose last radix or number of lanes is at least 8: at most 8 frequencies more on either side."""
     given = np.ones((LINES, 64), np.complex64)
     for strategy in supported_strategies(device, (64, 64)):
-        spectrum = _run(device, strategy, "y", (Step("forward", band=(-8, 7)),), given)
+        spectrum = _run(device, strategy, "y", (LineTransform("forward", band=(-8, 7)),), given)
         assert np.count_nonzero(spectrum) <= 16 * LINES
         order = spectrum_order(device, 64, strategy, (-8, 7))
         assert np.all(np.abs(order.frequencies()) <= 16)

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.light.gpu.line_fft import can_access_fours, generate_subgroup_shader, lanes_per_line
-from holoview.light.gpu.spectrum_order import SpectrumOrder, Step
+from holoview.light.gpu.spectrum_order import LineTransform, SpectrumOrder
 
 Values = NDArray[Any]
 HOOKS = ("load", "store", "load_four", "store_four", "subgroupShuffle", "subgroupShuffleXor")
@@ -129,7 +129,7 @@ def test_a_transform_is_that_of_numpy(n: int, subgroup: int, direction: Any) -> 
     if lanes is None:
         pytest.skip("no number of lanes divides this length")
     data = _lines(n, 2)
-    run = Workgroup(generate_subgroup_shader("x", n, lanes, [Step(direction)]), subgroup, data)
+    run = Workgroup(generate_subgroup_shader("x", n, lanes, [LineTransform(direction)]), subgroup, data)
     expected = np.fft.fft(data) if direction == "forward" else np.fft.ifft(data, norm="forward")
     assert _error(run.stored, expected) < TOLERANCE
     if n % lanes**2 == 0:  # then the frames' kernels add up indices from that of the lane and a constant
@@ -142,7 +142,10 @@ def test_a_transform_is_that_of_numpy(n: int, subgroup: int, direction: Any) -> 
 def test_four_values_at_a_time_give_the_same(n: int, lanes: int, band: Any) -> None:
     assert can_access_fours(n, lanes)
     data, kept = _lines(n, 2), np.arange(n)
-    for steps in ([Step("inverse", None, band)], [Step("inverse", None, band), Step("forward", None, band)]):
+    for steps in (
+        [LineTransform("inverse", None, band)],
+        [LineTransform("inverse", None, band), LineTransform("forward", None, band)],
+    ):
         if band is not None:
             kept = SpectrumOrder.natural(n, lanes, band).frequencies() % n
         spectrum = np.zeros_like(data)
@@ -164,6 +167,10 @@ def test_a_pair_of_transforms_with_shared_values(
     lanes = lanes_per_line(n, subgroup)
     assert lanes is not None
     data = np.repeat(_lines(n // shared_points, 2), shared_points, axis=1)
-    steps = [Step("inverse"), Step("forward")] if shared_hook == "middle" else [Step("forward"), Step("inverse")]
+    steps = (
+        [LineTransform("inverse"), LineTransform("forward")]
+        if shared_hook == "middle"
+        else [LineTransform("forward"), LineTransform("inverse")]
+    )
     shader = generate_subgroup_shader("x", n, lanes, steps, shared_hook, shared_points)
     assert _error(Workgroup(shader, subgroup, data).stored, 2 * n * data) < TOLERANCE

@@ -14,7 +14,7 @@ from holoview.bench.rig import RigDescription, read_rig
 from holoview.bench.rig.devices import DeviceError, DeviceGone, Devices, limit_devices
 from holoview.bench.rig.virtual.client import (
     Disconnected,
-    Message,
+    Packet,
     VirtualCamera,
     VirtualClock,
     VirtualModulator,
@@ -91,10 +91,10 @@ class DirectBench:
         self._faults = FaultInjector(settings.faults, lambda: None)
         self._server = BenchServer(self.light, self._faults)
 
-    def ask(self, table: dict[str, Any], array: Any = None) -> Message:
+    def ask(self, table: dict[str, Any], array: Any = None) -> Packet:
         """As of `VirtualBenchProcess`."""
         try:
-            answer = self._faults.answer(Message(table, array), self._server.answer)
+            answer = self._faults.answer(Packet(table, array), self._server.answer)
         except Disconnected as error:
             raise DeviceGone("virtual bench", "is gone") from error
         if "error" in answer.table:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.bench.calibrate.lut_fit import Lut, fit_labelled
+from holoview.bench.calibrate.lut_fit import FittedLut, fit_labelled
 from holoview.bench.experiment.lut_sweep import LutMeasurement, SweepPlan, SweepReadings
 from holoview.bench.rig import RigDescription
 from holoview.bench.rig.devices import Devices, Wrapped
@@ -59,7 +59,7 @@ def _measured(rig: RigDescription, plan: SweepPlan, file: Path, devices: Devices
     return readings
 
 
-def _error(lut: Lut) -> float:
+def _error(lut: FittedLut) -> float:
     """R.m.s. deviation from the true phase, rad, up to the phase of the first step of a level."""
     true = 2 * math.pi * STROKE_M / 450e-9 * (lut.levels / 255) ** GAMMA
     return float(np.sqrt(np.mean((lut.phase - true) ** 2)))

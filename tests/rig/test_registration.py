@@ -10,8 +10,8 @@ import pytest
 
 from holoview.bench.rig import read_rig
 from holoview.bench.rig.registration import (
-    Measured,
     Registration,
+    UncertainValue,
     read_registration,
     register_devices,
     registration_path,
@@ -21,9 +21,10 @@ from holoview.util.errors import UserError
 from tests.rig.align.hidden_bench import Hidden, devices_of
 
 VALUES = {
-    "pitch": Measured(3.9e-6, 1e-9), "rotation": Measured(2e-3, 1e-4), "shift_y": Measured(0.4e-6, 1e-7),
-    "shift_x": Measured(1e-8, 1e-7), "walk_y": Measured(0.0, 1e-5), "walk_x": Measured(0.0, 1e-5),
-    "stage_offset": Measured(0.25e-3, 1e-6), "stage_scale": Measured(0.02, 1e-4),
+    "pitch": UncertainValue(3.9e-6, 1e-9), "rotation": UncertainValue(2e-3, 1e-4),
+    "shift_y": UncertainValue(0.4e-6, 1e-7), "shift_x": UncertainValue(1e-8, 1e-7),
+    "walk_y": UncertainValue(0.0, 1e-5), "walk_x": UncertainValue(0.0, 1e-5),
+    "stage_offset": UncertainValue(0.25e-3, 1e-6), "stage_scale": UncertainValue(0.02, 1e-4),
 }  # fmt: skip
 REGISTRATION = Registration("rotate_90", None, (3, 5), (80, 96), (40, 48), (148, 132), VALUES)
 

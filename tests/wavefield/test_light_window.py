@@ -16,7 +16,7 @@ from holoview.holograms.fields.propagation import propagate_field
 from holoview.holograms.fields.wavefield import Wavefield
 from holoview.holograms.files.request import ReadRequest, WindowRequest
 from holoview.holograms.load_field import OpenedHologram, open_hologram
-from holoview.light.optics.free_space import Window
+from holoview.light.optics.free_space import SampleWindow
 from holoview.util.errors import UserError
 
 λ, PITCH_M, N = 532e-9, 4e-6, 192
@@ -139,7 +139,7 @@ def test_a_window_that_is_asked_for_is_that_of_the_exact_propagation() -> None:
     field = _wavefield(beam, 10e-3)
     asked = WindowRequest((0.02e-3, 0.1e-3), (0.1e-3, 0.15e-3), 2.5e-6)
     imaged = image_field(field, asked=asked)
-    window = Window((40, 60), (2.5e-6, 2.5e-6), (0.02e-3, 0.1e-3))
+    window = SampleWindow((40, 60), (2.5e-6, 2.5e-6), (0.02e-3, 0.1e-3))
     expected = propagate_field(field, 10e-3, "asm", window).values.numpy()
     np.testing.assert_allclose(imaged.field.values, expected, atol=1e-6 * np.abs(expected).max())
     whole = float(np.square(np.abs(field.values)).sum()) * PITCH_M**2

@@ -17,15 +17,15 @@ from holoview.holograms.fields.propagation import (
     propagate_field,
 )
 from holoview.holograms.fields.wavefield import Wavefield
-from holoview.light.optics.free_space import Window
+from holoview.light.optics.free_space import SampleWindow
 from holoview.util.errors import UserError
 
 WAVELENGTH = 532e-9
 DISTANCES = [1e-3, -1e-3, 0.01, 0.05, -0.2, 0.5, 1.0, 2.0, -2.0]
 WINDOWS = [
-    Window((192, 192), (8e-6, 8e-6)),  # the field's own
-    Window((100, 130), (5e-6, 11e-6), (0.1e-3, -0.15e-3)),  # another pitch, beside the axis
-    Window((90, 100), (8e-6, 8e-6), (-160e-6, 136e-6)),  # whole samples beside the axis
+    SampleWindow((192, 192), (8e-6, 8e-6)),  # the field's own
+    SampleWindow((100, 130), (5e-6, 11e-6), (0.1e-3, -0.15e-3)),  # another pitch, beside the axis
+    SampleWindow((90, 100), (8e-6, 8e-6), (-160e-6, 136e-6)),  # whole samples beside the axis
 ]
 
 
@@ -33,11 +33,11 @@ def _field(values: np.ndarray, pitch_m: tuple[float, float] = (8e-6, 8e-6), **op
     return Wavefield(np.asarray(values, np.complex64)[None, None], pitch_m, np.array([WAVELENGTH]), **options)
 
 
-def _axes(window: Window) -> tuple[np.ndarray, np.ndarray]:
+def _axes(window: SampleWindow) -> tuple[np.ndarray, np.ndarray]:
     return window.positions_m(0)[:, None], window.positions_m(1)[None, :]
 
 
-def _gaussian(window: Window, waist_m: float, distance_m: float) -> np.ndarray:
+def _gaussian(window: SampleWindow, waist_m: float, distance_m: float) -> np.ndarray:
     """A Gaussian beam with its waist at 0, without the carrier (Goodman, eq. 4-33 ff.)."""
     y, x = _axes(window)
     q = 1 + 1j * distance_m * WAVELENGTH / (math.pi * waist_m**2)
@@ -56,12 +56,12 @@ def _random_phase(seed: int, shape: tuple[int, int]) -> np.ndarray:
     return np.exp(2j * math.pi * np.random.default_rng(seed).random(shape))
 
 
-def _direct_sum(values: np.ndarray, pitch_m: float, window: Window, distance_m: float) -> np.ndarray:
+def _direct_sum(values: np.ndarray, pitch_m: float, window: SampleWindow, distance_m: float) -> np.ndarray:
     """Rayleigh and Sommerfeld's first integral over point sources, without the carrier, in float64.
 
     h = z/r²·(1/(2πr) − i/λ)·exp(ik(r − z)) with r − z = ρ²/(r + z), which has no cancellation.
     """
-    rows, columns = _axes(Window(values.shape, (pitch_m, pitch_m)))
+    rows, columns = _axes(SampleWindow(values.shape, (pitch_m, pitch_m)))
     found = np.empty(window.shape, dtype=complex)
     for row, y in enumerate(window.positions_m(0)):
         for column, x in enumerate(window.positions_m(1)):
@@ -80,7 +80,9 @@ def _direct_sum(values: np.ndarray, pitch_m: float, window: Window, distance_m: 
 
 @pytest.mark.parametrize("window", WINDOWS, ids=["own", "scaled", "shifted"])
 @pytest.mark.parametrize("distance_m", DISTANCES)
-def test_a_gaussian_beam_arrives_to_a_hundred_thousandth_at_every_distance(distance_m: float, window: Window) -> None:
+def test_a_gaussian_beam_arrives_to_a_hundred_thousandth_at_every_distance(
+    distance_m: float, window: SampleWindow
+) -> None:
     field = _field(_gaussian(WINDOWS[0], 200e-6, 0.0))
     found, expected = _values(field, distance_m, "asm", window), _gaussian(window, 200e-6, distance_m)
     assert _error(found, expected) < 1e-5
@@ -100,14 +102,14 @@ def test_so_it_does_by_one_transform_where_the_first_order_is_wider_than_the_fie
 @pytest.mark.parametrize("distance_m", [0.007, 0.05, 1.0])
 def test_hard_edged_random_phase_equals_the_direct_sum_over_its_point_sources(distance_m: float) -> None:
     values, pitch_m = _random_phase(1, (40, 40)), 4e-6
-    for window in (Window((12, 9), (13e-6, 7e-6)), Window((6, 7), (3e-6, 5e-6), (60e-6, 20e-6))):
+    for window in (SampleWindow((12, 9), (13e-6, 7e-6)), SampleWindow((6, 7), (3e-6, 5e-6), (60e-6, 20e-6))):
         found = _values(_field(values, (pitch_m, pitch_m)), distance_m, "asm", window)
         assert _error(found, _direct_sum(values, pitch_m, window, distance_m)) < 1e-5
 
 
 def test_a_window_far_off_axis_sees_the_direct_sum_too() -> None:
     values, pitch_m = _random_phase(2, (30, 30)), 2e-6
-    window = Window((8, 8), (50e-6, 50e-6), (0.03, -0.04))  # at 14 degrees; the samples hold 7.6 along each axis
+    window = SampleWindow((8, 8), (50e-6, 50e-6), (0.03, -0.04))  # at 14 degrees; the samples hold 7.6 along each axis
     field = _field(values, (pitch_m, pitch_m))
     found = propagate_field(field, 0.4, "asm", window)
     assert _error(found.values[0, 0].numpy(), _direct_sum(values, pitch_m, window, 0.4)) < 1e-5
@@ -115,7 +117,7 @@ def test_a_window_far_off_axis_sees_the_direct_sum_too() -> None:
 
 def test_no_light_arrives_beyond_the_first_order() -> None:
     field = _field(_random_phase(3, (30, 30)), (8e-6, 8e-6))
-    assert np.abs(_values(field, 0.4, "asm", Window((8, 8), (50e-6, 50e-6), (0.0, 0.1)))).max() == 0
+    assert np.abs(_values(field, 0.4, "asm", SampleWindow((8, 8), (50e-6, 50e-6), (0.0, 0.1)))).max() == 0
 
 
 # Samples are points here and the slit is continuous: a sample stands for light of local frequency s as sinc(dx·s), with
@@ -123,7 +125,7 @@ def test_no_light_arrives_beyond_the_first_order() -> None:
 @pytest.mark.parametrize(("method", "distance_m"), [("asm", 0.02), ("asm", 0.3), ("fresnel", 0.3)])
 def test_a_slit_shows_fresnels_integrals(method: str, distance_m: float) -> None:
     pitch_m, width_m = 1e-6, 160e-6
-    window = Window((1, 101), (pitch_m, 4e-6))
+    window = SampleWindow((1, 101), (pitch_m, 4e-6))
     slit = np.zeros((160, 256))
     slit[:, 48:208] = 1.0
     found = _values(_field(slit, (pitch_m, pitch_m)), distance_m, method, window)
@@ -153,7 +155,7 @@ def test_light_comes_back_from_where_it_went() -> None:
 @pytest.mark.parametrize(("method", "distance_m"), [("asm", 0.004), ("asm", 0.5), ("fresnel", 0.5), ("fourier", 0.5)])
 def test_gradients_are_the_adjoint(method: str, distance_m: float) -> None:
     rng = np.random.default_rng(5)
-    field, window = _field(np.ones((18, 20))), Window((9, 14), (6e-6, 9e-6), (20e-6, 0.0))
+    field, window = _field(np.ones((18, 20))), SampleWindow((9, 14), (6e-6, 9e-6), (20e-6, 0.0))
     u, v = (
         torch.from_numpy(rng.normal(size=(1, 1, *s)) + 1j * rng.normal(size=(1, 1, *s))) for s in ((18, 20), (9, 14))
     )
@@ -168,7 +170,7 @@ def test_gradients_are_the_adjoint(method: str, distance_m: float) -> None:
 # --- tilted windows ---------------------------------------------------------------------------------------------------
 
 
-def _tilted_points(window: Window, distance_m: float) -> np.ndarray:
+def _tilted_points(window: SampleWindow, distance_m: float) -> np.ndarray:
     """Positions (rows, columns, 3) of x, y, z, by turning the window about y by β, then about its own x axis by α."""
     (alpha, beta), (y, x) = window.tilt_rad, window.centre_m
     along_x = np.array([math.cos(beta), 0.0, math.sin(beta)])
@@ -182,7 +184,7 @@ def _tilted_points(window: Window, distance_m: float) -> np.ndarray:
 @pytest.mark.parametrize("tilt_rad", [(0.0, 0.3), (-0.5, 0.0), (0.4, -0.6)], ids=str)
 def test_a_tilted_window_sees_the_direct_sum_at_its_own_points(tilt_rad, distance_m: float) -> None:
     values, pitch_m = _random_phase(6, (40, 40)), 4e-6
-    window = Window((7, 9), (20e-6, 15e-6), (50e-6, -80e-6), tilt_rad)
+    window = SampleWindow((7, 9), (20e-6, 15e-6), (50e-6, -80e-6), tilt_rad)
     found = _values(_field(values, (pitch_m, pitch_m)), distance_m, "auto", window)
     at = (np.arange(40) - 19.5) * pitch_m
     expected = np.empty(window.shape, complex)
@@ -199,7 +201,7 @@ def test_a_tilted_window_sees_the_direct_sum_at_its_own_points(tilt_rad, distanc
 
 def test_the_gradient_of_a_tilted_window_is_its_adjoint() -> None:
     rng = np.random.default_rng(7)
-    window = Window((6, 5), (30e-6, 20e-6), tilt_rad=(0.2, 0.3))
+    window = SampleWindow((6, 5), (30e-6, 20e-6), tilt_rad=(0.2, 0.3))
     u, v = (
         torch.from_numpy(rng.normal(size=(1, 1, *s)) + 1j * rng.normal(size=(1, 1, *s))) for s in ((18, 20), (6, 5))
     )
@@ -213,13 +215,13 @@ def test_the_gradient_of_a_tilted_window_is_its_adjoint() -> None:
 @pytest.mark.parametrize(
     ("window", "distance_m", "method"),
     [
-        (Window((64, 64), (1e-3, 1e-3), tilt_rad=(0.0, 0.5)), 0.01, "auto"),  # reaches the plane of the field
-        (Window((8, 8), (8e-6, 8e-6), tilt_rad=(0.0, 1.56)), 0.01, "auto"),  # light grazes it
-        (Window((8, 8), (8e-6, 8e-6), tilt_rad=(0.0, 0.5)), 0.2, "fresnel"),
+        (SampleWindow((64, 64), (1e-3, 1e-3), tilt_rad=(0.0, 0.5)), 0.01, "auto"),  # reaches the plane of the field
+        (SampleWindow((8, 8), (8e-6, 8e-6), tilt_rad=(0.0, 1.56)), 0.01, "auto"),  # light grazes it
+        (SampleWindow((8, 8), (8e-6, 8e-6), tilt_rad=(0.0, 0.5)), 0.2, "fresnel"),
     ],
     ids=["too near", "grazed", "fresnel"],
 )
-def test_impossible_tilts_are_refused(window: Window, distance_m: float, method: str) -> None:
+def test_impossible_tilts_are_refused(window: SampleWindow, distance_m: float, method: str) -> None:
     with pytest.raises(UserError) as error:
         propagate_field(_field(np.ones((64, 64))), distance_m, method, window)
     assert error.value.where == "window"
@@ -292,7 +294,7 @@ def test_values_of_another_shape_are_refused() -> None:
 def test_light_that_fills_little_of_the_band_keeps_the_field_s_own_window() -> None:
     """A Gaussian of waist w has 99 % of its power within f = 2.576/(2πw) along an axis."""
     shape, waist_m, wavelength_m = (128, 128), 100e-6, 532e-9
-    window = Window(shape, (8e-6, 8e-6))
+    window = SampleWindow(shape, (8e-6, 8e-6))
     field = _field(_gaussian(window, waist_m, 0.0))
     expected_m = 128 * 8e-6 / (wavelength_m * 2.576 / (2 * math.pi * waist_m))
     step = 1 / (128 * 8e-6)

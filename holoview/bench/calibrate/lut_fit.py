@@ -49,7 +49,7 @@ _FULL_POWERS = (0.97, 1.04, 1.12)  # of the range of the power, tried by the dyn
 _SLOPE_BOUNDS, _DRIFTS = (-0.1, 1.0), (-0.5, 0.5)  # 1/rad; along a sweep
 _SLOPES = (-0.03, 0.0, 0.06, 0.2)  # per radian, tried by the dynamic programme
 UNSEEN_SLOPE = 0.05
-"""Change of the full power, 1/rad, of which `Lut.unseen_shift` tells the effect: measured ones are 0.02 to 0.2."""
+"""Change of the full power, 1/rad, whose effect `FittedLut.unseen_shift` tells: measured ones are 0.02 to 0.2."""
 _FACTORS = tuple(np.geomspace(0.35, 2.8, 64).tolist())  # between wavelengths, to begin with
 _MIN_STEP = 1e-6  # rad between knots, because a modulator's levels must be strictly ascending
 _AT_AN_END = 0.3  # share of the range within which the reference reading is taken as an end of it
@@ -85,7 +85,7 @@ class SweepFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Lut:
+class FittedLut:
     """A fitted look-up table.
 
     levels: (n,), those of the first sweep, ascending. phase: (n,), rad: distance from the phase of the reference level,
@@ -141,7 +141,7 @@ def fit_lut(
     sweeps: Sweep | Sequence[Sweep],
     order: Order | Sequence[Order] | None = None,
     groups: Sequence[int] | None = None,
-) -> Lut:
+) -> FittedLut:
     """Fits one table to all sweeps.
 
     order: of the spot whose power was read, one for all sweeps or one for each; recognised when None. groups: for each
@@ -178,7 +178,7 @@ def fit_lut(
         _linear_residual(first, orders[0], float(stroke))
         for stroke in np.arange(0.2, 2 * _MAX_STROKE_TURNS, 0.004) * math.pi
     ]
-    return Lut(
+    return FittedLut(
         levels=sweeps[0].levels,
         phase=best.phase_of(sweeps[0]),
         order=orders[0],
@@ -196,7 +196,7 @@ def fit_lut(
 class LabelledFit:
     """A table, the sweeps that it was fitted to, and sentences on those that were left out."""
 
-    lut: Lut
+    lut: FittedLut
     sweeps: list[LabelledSweep]
     notes: list[str]
 

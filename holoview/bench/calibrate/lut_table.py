@@ -28,7 +28,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from holoview.bench.calibrate.lut_fit import ORDER_NAMES, UNSEEN_SLOPE, Lut, SweepFit
+from holoview.bench.calibrate.lut_fit import ORDER_NAMES, UNSEEN_SLOPE, FittedLut, SweepFit
 from holoview.bench.calibrate.sweep import Floats, parse_columns
 from holoview.light.model.system import System
 from holoview.util import units
@@ -46,7 +46,7 @@ _FAR_BETTER = 0.4  # of the deviation with other bits, with which a table's bits
 
 
 def lut_table(
-    lut: Lut,
+    lut: FittedLut,
     source: str,
     wavelengths_m: Sequence[float] = (),
     periods: Sequence[float] = (),
@@ -114,7 +114,7 @@ def _of(values: Sequence[float], index: int) -> float:
     return values[index] if len(values) > 1 else values[0]
 
 
-def _table_levels(lut: Lut) -> Floats:
+def _table_levels(lut: FittedLut) -> Floats:
     """256 levels: 0 … 255 if the sweep's are levels of 8 bits, else equidistant over the sweep."""
     levels = lut.levels
     if (levels == np.round(levels)).all() and 64 < levels[-1] <= 255:
@@ -122,20 +122,20 @@ def _table_levels(lut: Lut) -> Floats:
     return np.linspace(levels[0], levels[-1], _TABLE_SIZE)
 
 
-def _clamped(lut: Lut, levels: Floats) -> Floats:
+def _clamped(lut: FittedLut, levels: Floats) -> Floats:
     """Phases of levels, rad; NaN where a sweep that was cut off doesn't reach."""
     near = np.clip(levels, lut.levels[0], lut.levels[-1])
     return np.where(np.abs(near - levels) <= _WIDEST_GAP, lut.phase_at(near), math.nan)
 
 
-def turn_level(lut: Lut) -> float | None:
+def turn_level(lut: FittedLut) -> float | None:
     """The level of a phase of 2π, which makers of linear modulators state for each wavelength; None below a turn."""
     if lut.stroke < 2 * math.pi:
         return None
     return float(np.interp(2 * math.pi, lut.stroke_fractions * lut.stroke, lut.levels))
 
 
-def levels_of_phases(lut: Lut, phases: Floats) -> NDArray[np.int64]:
+def levels_of_phases(lut: FittedLut, phases: Floats) -> NDArray[np.int64]:
     """The levels (n,) whose phases are nearest to these, rad above that of the first level."""
     rising = lut.stroke_fractions * lut.stroke
     levels = np.arange(round(lut.levels[0]), round(lut.levels[-1]) + 1)
@@ -162,14 +162,14 @@ class Verification:
         )
 
 
-def verify_turn(through: Lut, target: float) -> Verification:
+def verify_turn(through: FittedLut, target: float) -> Verification:
     """Compares the phase of a sweep through a table, in equal steps from 0 to `target` (rad), with these steps."""
     error = through.phase - target * through.fits[0].sweep.distance
     worst = int(np.abs(error).argmax())
     return Verification(target, float(np.sqrt(np.mean(error**2))), float(error[worst]), worst)
 
 
-def turn_deviation(lut: Lut) -> tuple[float, float, float] | None:
+def turn_deviation(lut: FittedLut) -> tuple[float, float, float] | None:
     """How far a table is from a phase that rises by one turn in proportion to the level, as behind a vendor's table.
 
     Returns r.m.s. and greatest deviation, rad, and the level where it is; None where the stroke is nowhere near a turn.
@@ -183,7 +183,7 @@ def turn_deviation(lut: Lut) -> tuple[float, float, float] | None:
 
 def save_lut(
     path: str | os.PathLike[str],
-    lut: Lut,
+    lut: FittedLut,
     source: str,
     wavelengths_m: Sequence[float] = (),
     periods: Sequence[float] = (),
@@ -197,7 +197,7 @@ def save_lut(
     write_file(path, tomli_w.dumps(table))
 
 
-def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:
+def with_lut(system: System, lut: FittedLut, wavelength_m: float | None) -> System:
     """A bench whose modulators have this look-up table and stroke. Raises UserError if `wavelength_m` is None."""
     if wavelength_m is None:
         expected = "the wavelength of the sweep, e.g. --wavelength 820nm"
@@ -207,7 +207,7 @@ def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:
     return system.edit({"stroke": lut.stroke_m(wavelength_m), "levels": levels})
 
 
-def format_lut(lut: Lut, wavelengths_m: Sequence[float] = (), periods: Sequence[float] = ()) -> list[str]:
+def format_lut(lut: FittedLut, wavelengths_m: Sequence[float] = (), periods: Sequence[float] = ()) -> list[str]:
     """Order, stroke, linearity, residuals and what was assumed as lines of text."""
     low, high = (bound / math.pi for bound in lut.stroke_interval)
     lines = [f"{ORDER_NAMES[lut.order]}: {lut.reason}"]
@@ -256,7 +256,7 @@ def format_lut(lut: Lut, wavelengths_m: Sequence[float] = (), periods: Sequence[
     return lines + _dispersion_lines(lut, wavelengths_m)
 
 
-def _dispersion_lines(lut: Lut, wavelengths_m: Sequence[float]) -> list[str]:
+def _dispersion_lines(lut: FittedLut, wavelengths_m: Sequence[float]) -> list[str]:
     """The optical path at further wavelengths relative to the first; whether it falls as a liquid crystal's does."""
     lines: list[str] = []
     seen: set[float] = set()
@@ -273,7 +273,7 @@ def _dispersion_lines(lut: Lut, wavelengths_m: Sequence[float]) -> list[str]:
     return lines
 
 
-def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
+def plot_lut(path: str | os.PathLike[str], lut: FittedLut, title: str) -> None:
     """Writes a PNG with two plots against grey level: measured and fitted power of each sweep, and the fitted phase."""
     with png_figure(path, (10.0, 4.2)) as figure:
         power, phase = figure.subplots(1, 2)
@@ -347,7 +347,7 @@ def read_vendor_table(path: str | os.PathLike[str], bits: int | None = None) -> 
     return VendorTable(drives, of_largest if bits is None else bits, bits is not None)
 
 
-def compare_vendor(lut: Lut, table: VendorTable) -> VendorComparison:
+def compare_vendor(lut: FittedLut, table: VendorTable) -> VendorComparison:
     """The deviation of the fitted phase from what a vendor's table promises, up to a constant phase.
 
     The sweep's levels are those without the table (a linear one): from 0 to the highest drive, or reversed. The
@@ -368,7 +368,7 @@ def compare_vendor(lut: Lut, table: VendorTable) -> VendorComparison:
     return found
 
 
-def _compared(lut: Lut, drives: Floats, bits: int) -> VendorComparison | None:
+def _compared(lut: FittedLut, drives: Floats, bits: int) -> VendorComparison | None:
     """The comparison with drives of so many bits; None if less than half of them were measured."""
     highest = (
         lut.levels[-1] if lut.levels[0] > 0 else float(2 ** math.ceil(math.log2(max(lut.levels[-1], 1.0) + 1)) - 1)
@@ -391,7 +391,7 @@ def _compared(lut: Lut, drives: Floats, bits: int) -> VendorComparison | None:
     return best
 
 
-def vendor_table(lut: Lut, bits: int = 12, levels: int = 256) -> str:
+def vendor_table(lut: FittedLut, bits: int = 12, levels: int = 256) -> str:
     """The fitted table as a vendor's: lines "grey level, drive", for a phase that rises by one turn.
 
     The drive has `bits` bits; the sweep's levels are taken as its upper bits. Raises UserError if the stroke is below

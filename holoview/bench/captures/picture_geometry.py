@@ -52,7 +52,7 @@ _WAVEFRONTS_RAD = -8.0, -4.0, -2.0, 2.0, 4.0, 8.0
 
 
 @dataclass(frozen=True)
-class Placement:
+class SpectrumPlacement:
     """A way to lay a spectrum over a picture.
 
     orientation: of the picture, a name of `ORIENTATIONS`. scale_px: camera pixels to a period of the spectrum. axis_px:
@@ -88,7 +88,7 @@ def find_placements(
     cut: Masks,
     scale_px: float | None = None,
     progress: ProgressCallback = no_progress,
-) -> list[Placement]:
+) -> list[SpectrumPlacement]:
     """The ways to lay the spectrum of a pattern over a picture, the best first.
 
     picture: (y, x), counts. phase: (row, column), of the pattern as the modulator shows it, turns. cut: (y, x), True
@@ -100,7 +100,7 @@ def find_placements(
     low, high = (_STATED_RANGE * scale_px, scale_px / _STATED_RANGE) if scale_px else (f * longer for f in _SCALE_RANGE)
     scales = np.geomspace(low, high, _SCALES if scale_px is None else 24)
     coarse = _scan(picture, cut, spectrum, scales, ORIENTATIONS, max(1, round(longer / _COARSE_SIDE)), progress)
-    best: list[Placement] = []
+    best: list[SpectrumPlacement] = []
     for orientation in dict.fromkeys(found.orientation for found in coarse):
         top = next(found for found in coarse if found.orientation == orientation)
         if top.envelope > _ALIKE * coarse[0].envelope:
@@ -138,7 +138,7 @@ def _scan(
     orientations: Sequence[str],
     binning: int,
     progress: ProgressCallback,
-) -> list[Placement]:
+) -> list[SpectrumPlacement]:
     """The best place of each scale and orientation, by masked correlation of envelopes; the best first."""
     weight = (_binned(~cut, binning) > 0.99).astype(np.float64)
     light = np.sqrt(gaussian_filter(_binned(np.where(cut, 0.0, picture), binning), 1))
@@ -165,7 +165,7 @@ def _scan(
             at = np.unravel_index(int(scores.argmax()), scores.shape)
             corner = [(int(k) + n // 2) % n - n // 2 for k, n in zip(at, size, strict=True)]
             middle = [(k + side / 2) * binning - 0.5 for k, side in zip(corner, template.shape, strict=True)]
-            found.append(Placement(orientation, float(scale), (middle[0], middle[1]), float(scores[at])))
+            found.append(SpectrumPlacement(orientation, float(scale), (middle[0], middle[1]), float(scores[at])))
     return sorted(found, key=lambda placement: -placement.envelope)
 
 
@@ -183,7 +183,7 @@ class WindowedPicture:
         least = min(self._light.shape)
         self._reach = {"reach_px": min(_REACH_PX, least // 8), "around_px": min(_AROUND_PX, least // 3)}
 
-    def matched(self, placement: Placement) -> Placement:
+    def matched(self, placement: SpectrumPlacement) -> SpectrumPlacement:
         """The placement with the match of the speckle that its beam, stroke and wavefront predict."""
         predicted = simple_prediction(self._phase, placement, self._shape, self._window)
         return replace(placement, speckle=match_speckle(self._light, predicted, self._usable, **self._reach))
@@ -200,7 +200,7 @@ def _lit(picture: Floats, usable: Masks) -> Masks:
     return lit if lit.mean() > _LEAST_LIT else usable
 
 
-def _with_speckle(seen: WindowedPicture, placement: Placement) -> Placement:
+def _with_speckle(seen: WindowedPicture, placement: SpectrumPlacement) -> SpectrumPlacement:
     """The placement with the best match of its speckle among simple beams and wavefronts."""
     tried = [seen.matched(replace(placement, beam=beam, stroke=stroke)) for beam, stroke in product(_BEAMS, _STROKES)]
     best = max(tried, key=_correlation)
@@ -213,12 +213,12 @@ def _with_speckle(seen: WindowedPicture, placement: Placement) -> Placement:
     return best
 
 
-def _correlation(placement: Placement) -> float:
+def _correlation(placement: SpectrumPlacement) -> float:
     return placement.speckle.correlation if placement.speckle else -1.0
 
 
 def simple_prediction(
-    phase: Floats, placement: Placement, shape: tuple[int, ...], window: tuple[slice, slice]
+    phase: Floats, placement: SpectrumPlacement, shape: tuple[int, ...], window: tuple[slice, slice]
 ) -> Floats:
     """Intensity (y, x), in any unit, in a window of the upright picture, with the beam and stroke of the placement.
 
@@ -242,8 +242,8 @@ def simple_prediction(
 
 
 def common_placement(
-    pictures: Sequence[NDArray[np.floating]], cuts: Sequence[Masks], phases: Sequence[Floats], start: Placement
-) -> tuple[Placement, list[SpeckleMatch]]:
+    pictures: Sequence[NDArray[np.floating]], cuts: Sequence[Masks], phases: Sequence[Floats], start: SpectrumPlacement
+) -> tuple[SpectrumPlacement, list[SpeckleMatch]]:
     """The one placement of several pictures of a bench, near a start, and the match of each picture's speckle there.
 
     The scale is the one of a few around the start's at which the pictures' speckle correlates most, together; the axis
@@ -251,7 +251,7 @@ def common_placement(
     """
     parts = zip(pictures, cuts, phases, strict=True)
     seen = [WindowedPicture(*part, start.orientation) for part in parts]
-    best: tuple[float, Placement, list[SpeckleMatch]] | None = None
+    best: tuple[float, SpectrumPlacement, list[SpeckleMatch]] | None = None
     for factor in _COMMON_SCALES:
         tried = replace(start, scale_px=start.scale_px * factor)
         found = [one.matched(tried).speckle for one in seen]

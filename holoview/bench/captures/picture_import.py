@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from holoview.bench.captures.dataset import Camera, Captures, Masks, SlmSpec, undone
 from holoview.bench.captures.picture_geometry import (
-    Placement,
+    SpectrumPlacement,
     common_placement,
     find_placements,
     simple_prediction,
@@ -43,7 +43,7 @@ _WHITE = 0.995  # of the pixels are darker than what an overlay shows white
 
 
 @dataclass(frozen=True)
-class Shown:
+class PictureAndPattern:
     """A camera picture (y, x), counts, and the pattern (row, column), levels, that was shown.
 
     name, pattern_name: for messages. power, exposure_s: NaN where nobody knows.
@@ -76,12 +76,12 @@ class ImportedPictures:
     """The captures of pictures, their placement with the other ones, and what was found and assumed, in sentences."""
 
     captures: Captures
-    placements: tuple[Placement, ...]
+    placements: tuple[SpectrumPlacement, ...]
     notes: tuple[str, ...]
 
 
 def import_pictures(
-    shown: Sequence[Shown],
+    shown: Sequence[PictureAndPattern],
     *,
     wavelength_m: float,
     pitch_m: float,
@@ -116,7 +116,7 @@ def import_pictures(
     sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
     found_by = f"{PLACE}, from the speckle of the pictures"
 
-    def captures_of(placed: Placement) -> Captures:
+    def captures_of(placed: SpectrumPlacement) -> Captures:
         keep = np.stack([undone(~cut, placed.orientation) for cut in cuts])
         captures = _upright_captures(shown, placed, wavelength_m, slm, sensor)
         captures = replace(captures, usable=None if keep.all() else keep, estimated=(found_by,))
@@ -147,14 +147,14 @@ def _assumed_turn(levels: int, wavelength_m: float) -> str:
     return f"assumed: level {levels - 1} is a full turn at {turn}, even light, one modulator"
 
 
-def _fewest_bits(shown: Sequence[Shown]) -> int:
+def _fewest_bits(shown: Sequence[PictureAndPattern]) -> int:
     """The least bits of a camera that hold all counts."""
     highest = max(int(one.picture.max()) for one in shown)
     return next(bits for bits in (8, 10, 12, 14, 16) if highest < 2**bits)
 
 
 def _upright_captures(
-    shown: Sequence[Shown], placed: Placement, wavelength_m: float, slm: SlmSpec, camera: Camera
+    shown: Sequence[PictureAndPattern], placed: SpectrumPlacement, wavelength_m: float, slm: SlmSpec, camera: Camera
 ) -> Captures:
     """The captures with upright pictures, whose focal length and axis are those of the placement."""
     axis = upright_place(placed.axis_px, shown[0].picture.shape, placed.orientation)
@@ -174,7 +174,7 @@ def _upright_captures(
     )
 
 
-def _require_placeable(shown: Sequence[Shown], scale: float | None) -> None:
+def _require_placeable(shown: Sequence[PictureAndPattern], scale: float | None) -> None:
     """Raises UserError for pictures that can't be placed together. scale: pixels a cycle of the pattern, if known."""
     _require_alike(shown)
     for one in shown:
@@ -182,7 +182,7 @@ def _require_placeable(shown: Sequence[Shown], scale: float | None) -> None:
     _require_far_field(shown[0], scale)
 
 
-def _require_alike(shown: Sequence[Shown]) -> None:
+def _require_alike(shown: Sequence[PictureAndPattern]) -> None:
     """Raises UserError for pictures, or patterns, of several shapes: they aren't of one bench."""
     for one in shown[1:]:
         for name, own, first in (
@@ -194,7 +194,7 @@ def _require_alike(shown: Sequence[Shown]) -> None:
                 raise UserError(name, found, expected=f"{first.shape[1]} × {first.shape[0]}, as the first")
 
 
-def _require_speckle(one: Shown) -> None:
+def _require_speckle(one: PictureAndPattern) -> None:
     """Raises UserError for pictures and patterns in which no speckle can be compared."""
     if min(one.pattern.shape) < 16 or min(one.picture.shape) < 64:
         found = f"a picture of {one.picture.shape} and a pattern of {one.pattern.shape} pixels"
@@ -208,7 +208,7 @@ def _require_speckle(one: Shown) -> None:
         raise UserError(one.pattern_name, found, expected="a pattern that diffracts light")
 
 
-def _require_far_field(one: Shown, scale_px: float | None) -> None:
+def _require_far_field(one: PictureAndPattern, scale_px: float | None) -> None:
     longer = max(one.picture.shape)
     if scale_px is not None and longer < _LEAST_SEEN * scale_px:
         found = f"{longer} pixels of a far field that is {scale_px:.0f} pixels wide at this focal length"
@@ -222,7 +222,7 @@ def _placements(
     phases: Sequence[NDArray[np.float64]],
     scale: float | None,
     progress: ProgressCallback,
-) -> tuple[list[Placement], bool]:
+) -> tuple[list[SpectrumPlacement], bool]:
     """The placements by the first picture whose speckle stands with a simple beam; else of the first, and False."""
     first = None
     for picture, cut, phase in zip(pictures, cuts, phases, strict=True):
@@ -234,13 +234,13 @@ def _placements(
     return first or [], False
 
 
-def _require_standing(shown: Sequence[Shown], matches: Sequence[SpeckleMatch]) -> None:
+def _require_standing(shown: Sequence[PictureAndPattern], matches: Sequence[SpeckleMatch]) -> None:
     for one, match in zip(shown, matches, strict=True):
         if match.significance < _LEAST_SIGNIFICANCE:
             raise _never_shown(one, match.significance)
 
 
-def _never_shown(one: Shown, significance: float) -> UserError:
+def _never_shown(one: PictureAndPattern, significance: float) -> UserError:
     found = f"the speckle of {one.pattern_name} stands nowhere in it (best at {significance:.1f} standard deviations)"
     return UserError(
         one.name,
@@ -251,8 +251,8 @@ def _never_shown(one: Shown, significance: float) -> UserError:
 
 
 def _placement_notes(
-    placements: Sequence[Placement],
-    best: Placement,
+    placements: Sequence[SpectrumPlacement],
+    best: SpectrumPlacement,
     matches: Sequence[SpeckleMatch],
     found_m: float,
     stated_m: float | None,
@@ -277,7 +277,7 @@ def _placement_notes(
     return notes
 
 
-def _left_out_notes(shown: Sequence[Shown], keep: Masks, saturation: int, is_masked: bool) -> list[str]:
+def _left_out_notes(shown: Sequence[PictureAndPattern], keep: Masks, saturation: int, is_masked: bool) -> list[str]:
     if keep.all():
         return []
     zero = float(np.mean([zero_order_mask(one.picture, saturation).mean() for one in shown]))
@@ -285,7 +285,7 @@ def _left_out_notes(shown: Sequence[Shown], keep: Masks, saturation: int, is_mas
     return [f"the saturated zero order and its rim ({100 * zero:.2g} % of a picture{masked}) are left out"]
 
 
-def _apart_notes(shown: Sequence[Shown], matches: Sequence[SpeckleMatch]) -> list[str]:
+def _apart_notes(shown: Sequence[PictureAndPattern], matches: Sequence[SpeckleMatch]) -> list[str]:
     shifts = np.array([match.shift for match in matches], dtype=np.float64)
     beside = np.abs(shifts - np.median(shifts, axis=0)).max(axis=1)
     return [

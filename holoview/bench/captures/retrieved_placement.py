@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.captures.picture_geometry import Placement
+from holoview.bench.captures.picture_geometry import SpectrumPlacement
 from holoview.bench.captures.prepared_captures import PreparedCaptures, prepare_captures
 from holoview.bench.captures.speckle_measure import window_of
 from holoview.bench.captures.speckle_retrieval import LightRetrieval
@@ -31,8 +31,8 @@ _ENVELOPE = 3.0, 3.0  # samples of the spectrum, over which the other patterns' 
 
 
 def retrieved_placement(
-    placements: Sequence[Placement], captures_of: Callable[[Placement], Captures]
-) -> tuple[Placement, list[SpeckleMatch]]:
+    placements: Sequence[SpectrumPlacement], captures_of: Callable[[SpectrumPlacement], Captures]
+) -> tuple[SpectrumPlacement, list[SpeckleMatch]]:
     """The placement at which retrieved light makes the held-out speckle of the pictures stand best, with each picture's
     match.
 
@@ -62,7 +62,9 @@ def retrieved_placement(
     return placed, matches
 
 
-def _part(captures_of: Callable[[Placement], Captures], placement: Placement, factor: float) -> PreparedCaptures:
+def _part(
+    captures_of: Callable[[SpectrumPlacement], Captures], placement: SpectrumPlacement, factor: float
+) -> PreparedCaptures:
     placed = dataclasses.replace(placement, scale_px=placement.scale_px * factor)
     return prepare_captures(window_of(captures_of(placed), _PART_PX))
 

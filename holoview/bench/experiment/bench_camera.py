@@ -36,7 +36,7 @@ class PictureRequest:
 
 
 @dataclass(frozen=True)
-class Picture:
+class TakenPicture:
     """A picture that a camera took.
 
     light (y, x): counts above the dark level, per second of unit power. saturated (y, x): pixels of which only a lower
@@ -61,7 +61,7 @@ class PictureSource(Protocol):
     def bench_s(self) -> float:
         """Seconds of bench time since the first one."""
 
-    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[Picture]:
+    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[TakenPicture]:
         """The pictures of these shots, in their order. levels: grey levels (frame, modulator, y, x)."""
 
     def rest(self) -> None:
@@ -108,7 +108,7 @@ class BenchCamera:
     def bench_s(self) -> float:
         return self.devices.clock.now() - self._began_s
 
-    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[Picture]:
+    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[TakenPicture]:
         """See `PictureSource`. Raises DeviceError, and UserError for settings that the safety limits don't allow."""
         narrow = [levels[frame].astype(self._levels_type) for frame in range(len(levels))]
         taken = {k: self._capture(narrow[shots[k].frame], shots[k]) for k in self._order(shots)}
@@ -146,10 +146,10 @@ class BenchCamera:
         self.exposures_s[shot.wavelength_m] = float(capture.exposure_s[0])
         return capture
 
-    def _picture(self, capture: Captures) -> Picture:
+    def _picture(self, capture: Captures) -> TakenPicture:
         counts, exposure_s = capture.images[0], float(capture.exposure_s[0])
         light = (counts - self._dark_level(exposure_s)) / (exposure_s * float(capture.power[0]))
-        return Picture(light, counts >= self.rig.bench.camera.saturation, capture)
+        return TakenPicture(light, counts >= self.rig.bench.camera.saturation, capture)
 
     def _dark_level(self, exposure_s: float) -> NDArray[np.float32]:
         """Counts (y, x) without lasers at an exposure."""

@@ -43,7 +43,7 @@ from holoview.bench.captures.dataset import Captures, join_captures
 from holoview.bench.captures.patterns import BLUR_SIGMAS_PX
 from holoview.bench.diagnose.extended_model import extended_system
 from holoview.bench.diagnose.pipeline import diagnose
-from holoview.bench.experiment.bench_camera import BenchCamera, Picture, PictureRequest, PictureSource
+from holoview.bench.experiment.bench_camera import BenchCamera, PictureRequest, PictureSource, TakenPicture
 from holoview.bench.experiment.camera_problem import (
     PROBE_SIGMAS_PX,
     CameraCalibration,
@@ -149,7 +149,7 @@ class CameraLoop:
         self.best: Hologram | None = None
         self.progress = LoopProgress(0, 0, 0.0, 0.0, math.inf, -math.inf)
         self.calibration: CameraCalibration | None = None
-        self._probes: list[Picture] = []
+        self._probes: list[TakenPicture] = []
         self._random: list[Captures] = []
         self._kept: list[Captures] = []
         self._notes: list[str] = []
@@ -259,7 +259,7 @@ class CameraLoop:
         assert self.calibration is not None
         self.problem.calibrate(self.calibration)
 
-    def _take_probes(self, sigmas_px: Sequence[float] = PROBE_SIGMAS_PX) -> list[Picture]:
+    def _take_probes(self, sigmas_px: Sequence[float] = PROBE_SIGMAS_PX) -> list[TakenPicture]:
         """Pictures of random patterns, by plane, wavelength and pattern."""
         levels = probe_levels(self.rig, self.settings.seed, sigmas_px)
         wavelengths, planes = lasers_of(self.system, self.rig), self.system.planes_m

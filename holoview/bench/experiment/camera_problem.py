@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from holoview.bench.captures.patterns import random_levels
 from holoview.bench.diagnose.starts.picture import measure_displacement
-from holoview.bench.experiment.bench_camera import Picture, PictureRequest
+from holoview.bench.experiment.bench_camera import PictureRequest, TakenPicture
 from holoview.bench.experiment.rig_bench import lasers_of
 from holoview.bench.rig.description import RigDescription
 from holoview.holograms.optimise.forward_model import ProcessRows
@@ -211,7 +211,7 @@ class CameraProblem(Problem):
         self.objective = Objective(sampled.loss, sampled.wavelength_channels, target, weights, None)
         self._middle_image = torch.empty_like(target[0])
 
-    def set_pictures(self, pictures: Sequence[Picture]) -> None:
+    def set_pictures(self, pictures: Sequence[TakenPicture]) -> None:
         """Takes over the pictures of `shots`."""
         self._planes, count = [], len(self.lasers)
         scale = self._scale[[λ for _, λ in self.lasers], None, None]
@@ -356,7 +356,7 @@ def probe_levels(rig: RigDescription, seed: int, sigmas_px: Sequence[float] = PR
 
 
 def calibrate_camera(
-    rig: RigDescription, predicted: Tensor, pitch_m: float, pictures: Sequence[Sequence[Sequence[Picture]]]
+    rig: RigDescription, predicted: Tensor, pitch_m: float, pictures: Sequence[Sequence[Sequence[TakenPicture]]]
 ) -> CameraCalibration:
     """Probes and their pictures. predicted: intensities (plane, wavelength, probe, y, x); pictures: the same, nested.
 

@@ -208,7 +208,7 @@ _STEP = 0.06  # of the stroke, r.m.s.
 
 
 @dataclass(frozen=True)
-class Choice:
+class NextCapture:
     """The next capture, and why.
 
     information: expected, nats. seconds: expected on the bench. delta_chi2: expected between the leader and the rival
@@ -241,7 +241,7 @@ class CaptureChooser:
         weights = np.exp([h.log_weight - belief.hypotheses[0].log_weight for h in self._hypotheses])
         self._p = weights / weights.sum()
 
-    def choose(self, proposals: Sequence[Proposal]) -> Choice:
+    def choose(self, proposals: Sequence[Proposal]) -> NextCapture:
         """The best of the proposals, with its patterns improved by gradient where that helps."""
         best, rival = self._best_of(proposals)
         if not best.promises_something or rival is None:
@@ -263,7 +263,7 @@ class CaptureChooser:
         move_m = prediction.proposals[number].distance_m - self._here_m
         return self._time.expect(move_m, float(prediction.captures.exposure_s[number]))
 
-    def _best_of(self, proposals: Sequence[Proposal]) -> tuple[Choice, Hypothesis | None]:
+    def _best_of(self, proposals: Sequence[Proposal]) -> tuple[NextCapture, Hypothesis | None]:
         """The proposal of most information per second, and the rival that it separates."""
         prediction = ProposalPrediction(self._belief, self._taken, proposals, self._limits)
         found = []
@@ -273,16 +273,16 @@ class CaptureChooser:
 
     def _judge(
         self, proposal: Proposal, responses: Sequence[Response], seconds: float
-    ) -> tuple[Choice, Hypothesis | None]:
+    ) -> tuple[NextCapture, Hypothesis | None]:
         """A proposal as a choice, and the rival for which it would be taken."""
         deltas = pairwise_delta_chi2(responses)
         information = expected_information(self._p, deltas)
         if len(self._hypotheses) < 2:
-            return Choice(proposal, "", information, seconds), None
+            return NextCapture(proposal, "", information, seconds), None
         number = 1 + int(np.argmax(self._p[1:] * -np.expm1(-deltas[0, 1:] / 8.0)))
         delta, rival = float(deltas[0, number]), self._hypotheses[number]
         reason = f"{_purpose(self._hypotheses[0], rival)} (expected Δχ² {delta:.3g} in {seconds:.2g} s)"
-        return Choice(proposal, reason, information, seconds, delta), rival
+        return NextCapture(proposal, reason, information, seconds, delta), rival
 
 
 def _purpose(leader: Hypothesis, rival: Hypothesis) -> str:

@@ -28,7 +28,7 @@ from holoview.bench.experiment.capture_choice import (
     START_COUNT,
     BenchTime,
     CaptureChooser,
-    Choice,
+    NextCapture,
     Proposal,
     draw_proposals,
     planes_of,
@@ -70,13 +70,13 @@ class LoopSettings:
 
 
 @dataclass(frozen=True)
-class Step:
+class LoopCapture:
     """A capture of the loop. number: from 1. reason: why it was taken. seconds: on the bench. believed: the most
     probable cause afterwards, in words, with its probability; None while there are too few captures. fields: computed
     for its choice and for the belief afterwards, without those of a diagnosis."""
 
     number: int
-    choice: Choice
+    choice: NextCapture
     seconds: float
     believed: tuple[str, float] | None = None
     fields: int = 0
@@ -111,7 +111,7 @@ class LoopResult:
     """The captures of a loop, their reasons and diagnosis, and why the loop ended. parts: the captures one by one."""
 
     parts: list[Captures]
-    steps: tuple[Step, ...]
+    steps: tuple[LoopCapture, ...]
     diagnosis: Diagnosis
     ended: str
     is_certain: bool
@@ -158,7 +158,7 @@ class ClosedLoop:
 
         Raises UserError where no capture shows anything.
         """
-        parts, steps, began = list(before), list[Step](), self._devices.clock.now()
+        parts, steps, began = list(before), list[LoopCapture](), self._devices.clock.now()
         ended, diagnosis = "", None
         while not ended:
             ended = self._budget_end(len(parts), began)
@@ -198,14 +198,14 @@ class ClosedLoop:
             return "the time on the bench is spent"
         return ""
 
-    def _choose(self, parts: Sequence[Captures]) -> Choice | None:
+    def _choose(self, parts: Sequence[Captures]) -> NextCapture | None:
         taken, belief = join_captures(parts) if parts else None, self._belief
         before = 0 if belief is None else belief.fields
         choice = self._planner.next(PlannerState(taken, len(parts), belief, self._here_m, self._time))
         self._fields += 0 if belief is None else belief.fields - before
         return choice
 
-    def _take(self, number: int, choice: Choice) -> tuple[Step, Captures]:
+    def _take(self, number: int, choice: NextCapture) -> tuple[LoopCapture, Captures]:
         """One capture; the lasers are off afterwards, while the next capture is chosen."""
         clock, proposal = self._devices.clock, choice.proposal
         start = clock.now()
@@ -216,7 +216,7 @@ class ClosedLoop:
         seconds = clock.now() - start
         self._time.note(proposal.distance_m - self._here_m, float(capture.exposure_s[0]), seconds)
         self._here_m = proposal.distance_m
-        return Step(number, choice, seconds), capture
+        return LoopCapture(number, choice, seconds), capture
 
     def _judge(self, parts: Sequence[Captures]) -> Diagnosis | None:
         """Updates the belief; the diagnosis, if it ends the loop."""
@@ -309,7 +309,7 @@ class PlannerState:
 class Planner(Protocol):
     """Chooses the next capture."""
 
-    def next(self, state: PlannerState) -> Choice | None:
+    def next(self, state: PlannerState) -> NextCapture | None:
         """The next capture; None where there is no further one."""
 
 
@@ -320,18 +320,18 @@ class InformedPlanner:
         self._rig, self._rng = rig, np.random.default_rng((0, 1))
         self._start = starting_proposals(rig, seed=0)
 
-    def next(self, state: PlannerState) -> Choice | None:
+    def next(self, state: PlannerState) -> NextCapture | None:
         """One of the captures to begin with, or the best of random proposals."""
         if state.count < START_COUNT:
-            return Choice(self._start[state.count], f"one of {START_COUNT} to begin with")
+            return NextCapture(self._start[state.count], f"one of {START_COUNT} to begin with")
         proposals = draw_proposals(self._rig, self._rng, _PROPOSALS)
         if state.belief is None or state.taken is None:
-            return Choice(proposals[0], _SPREAD)
+            return NextCapture(proposals[0], _SPREAD)
         chooser = CaptureChooser(state.belief, state.taken, self._rig.limits, state.time, state.here_m)
         choice = chooser.choose(proposals)
         if choice.promises_something:
             return choice
-        return Choice(chooser.sharpest(self._rarest(proposals, state.taken)), _SPREAD)
+        return NextCapture(chooser.sharpest(self._rarest(proposals, state.taken)), _SPREAD)
 
     def _rarest(self, proposals: list[Proposal], taken: Captures) -> list[Proposal]:
         """The bright proposals whose wavelength, then whose plane, has been taken least often."""

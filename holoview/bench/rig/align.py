@@ -54,7 +54,7 @@ from holoview.bench.rig.dots import (
     single_lens,
 )
 from holoview.bench.rig.measurement import Measurement
-from holoview.bench.rig.registration import Measured, Registration
+from holoview.bench.rig.registration import Registration, UncertainValue
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
@@ -435,16 +435,16 @@ def registration_of(rig: RigDescription, found: FoundGeometry) -> Registration:
         shape.append(count)
         shift.append((centre - begin - (count - 1) / 2) * pitch)
     values = {
-        "pitch": Measured(pitch, pitch * g.uncertainty("log_pitch")),
+        "pitch": UncertainValue(pitch, pitch * g.uncertainty("log_pitch")),
         "rotation": _measured(g, "rotation"),
-        **{f"shift_{n}": Measured(own, _centre_error(g, n) * pitch) for n, own in zip("yx", shift, strict=True)},
+        **{f"shift_{n}": UncertainValue(own, _centre_error(g, n) * pitch) for n, own in zip("yx", shift, strict=True)},
         **{name: _measured(g, name) for name in ("walk_y", "walk_x")},
         "stage_offset": offset,
         "stage_scale": scale,
     }
     if found.slm2_turn is not None:
         values |= {name: _measured(g, own) for name, own in _SECOND.items()}
-        values["gap_error"] = Measured(g["gap"] - (rig.bench.gap_m or 0.0), g.uncertainty("gap"))
+        values["gap_error"] = UncertainValue(g["gap"] - (rig.bench.gap_m or 0.0), g.uncertainty("gap"))
     return Registration(
         found.camera_turn,
         found.slm2_turn,
@@ -465,14 +465,14 @@ def _crop(centre: float, whole: int, wanted: int) -> tuple[int, int]:
     return int(np.clip(round(centre - (count - 1) / 2), 0, whole - count)), count
 
 
-def _measured(g: Geometry, name: str) -> Measured:
-    return Measured(g[name], g.uncertainty(name))
+def _measured(g: Geometry, name: str) -> UncertainValue:
+    return UncertainValue(g[name], g.uncertainty(name))
 
 
-def _unless_nominal(g: Geometry, name: str) -> Measured:
+def _unless_nominal(g: Geometry, name: str) -> UncertainValue:
     """A measured value; zero, its nominal value, with the same uncertainty where it doesn't differ significantly."""
     found = _measured(g, name)
-    return found if found.is_significant else Measured(0.0, found.uncertainty)
+    return found if found.is_significant else UncertainValue(0.0, found.uncertainty)
 
 
 def _centre_error(g: Geometry, axis: str) -> float:

@@ -263,7 +263,7 @@ _MOVING = 0.04  # of |I₊ − I₋|²: difference of two pictures of a settled 
 
 
 @dataclass(frozen=True)
-class Settling:
+class SettlingTime:
     """constant_s: time constant. deviation_s: its standard deviation. wait_s: until REMAINING is left.
 
     All 0 for a modulator that is settled in its first picture.
@@ -280,7 +280,7 @@ class Settling:
 
 def measure_settling(
     modulator: ModulatorDevice, camera: CameraDevice, facts: Camera, clock: BenchClock, levels: Levels, num_levels: int
-) -> Settling:
+) -> SettlingTime:
     """How one modulator settles. levels: a random pattern (y, x) for it; a laser is on, and the others don't change."""
     patterns = _three_patterns(levels, num_levels)
     settled_s = _SETTLED_S
@@ -305,7 +305,7 @@ def share_deviation(
     return math.inf if seen <= 0 else float((variance * difference**2).sum()) ** 0.5 / seen
 
 
-def fit_settling(delays_s: NDArray[np.float64], shares: NDArray[np.float64], deviation: float) -> Settling:
+def fit_settling(delays_s: NDArray[np.float64], shares: NDArray[np.float64], deviation: float) -> SettlingTime:
     """The exponential through the shares of the pattern before that remain after these delays.
 
     deviation: standard deviation of each share.
@@ -315,7 +315,7 @@ def fit_settling(delays_s: NDArray[np.float64], shares: NDArray[np.float64], dev
     t, r = delays_s[start:], shares[start:]
     if len(t) < 3 or float(np.max(r)) < _SEEN_SIGMAS * deviation:
         last_s = float(delays_s[start - 1]) if start else 0.0
-        return Settling(last_s, 0.0, 2 * last_s)
+        return SettlingTime(last_s, 0.0, 2 * last_s)
     guess_s = float(t[int(np.argmin(np.abs(r - r[0] / math.e)))] - t[0]) or float(t[1] - t[0])
     bounds = ([0.0, 1e-6], [1e3, 1e3])
     found, covariance = curve_fit(
@@ -330,7 +330,7 @@ def fit_settling(delays_s: NDArray[np.float64], shares: NDArray[np.float64], dev
     amplitude, constant_s = (float(value) for value in found)
     misfit = float((((amplitude * np.exp(-t / constant_s) - r) / deviation) ** 2).sum()) / (len(t) - 2)
     wait_s = constant_s * math.log(max(amplitude, 1.0) / REMAINING)
-    return Settling(constant_s, (max(misfit, 1.0) * float(covariance[1, 1])) ** 0.5, wait_s)
+    return SettlingTime(constant_s, (max(misfit, 1.0) * float(covariance[1, 1])) ** 0.5, wait_s)
 
 
 def _three_patterns(levels: Levels, num_levels: int) -> tuple[Levels, Levels, Levels]:

@@ -31,7 +31,7 @@ from holoview.bench.captures.capture_file import (
 )
 from holoview.bench.captures.dataset import Captures, join_captures
 from holoview.bench.captures.validation import check_captures, check_settings
-from holoview.bench.rig.camera_pictures import DarkFrame, Settling
+from holoview.bench.rig.camera_pictures import DarkFrame, SettlingTime
 from holoview.bench.rig.capture_plan import CapturePlan
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
@@ -227,7 +227,7 @@ class BenchRecord:
     """dark: dark frames. settling: of the modulators that were measured, by their tables in rig.toml."""
 
     dark: tuple[DarkFrame, ...] = ()
-    settling: Mapping[str, Settling] = field(default_factory=dict)
+    settling: Mapping[str, SettlingTime] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def write_into(self, h5: h5py.File) -> None:
@@ -278,9 +278,9 @@ def _read_dark(h5: h5py.File) -> tuple[DarkFrame, ...]:
     return tuple(DarkFrame(float(s), image, float(noise), int(count)) for image, s, noise, count in rows)
 
 
-def _read_settling(h5: h5py.File, name: str) -> Settling | None:
+def _read_settling(h5: h5py.File, name: str) -> SettlingTime | None:
     group = plain_child(h5, f"settling/{name}")
     if group is None:
         return None
     constant, deviation, wait = (float(read_attribute(group, key)) for key in _SETTLING)
-    return Settling(constant, deviation, wait)
+    return SettlingTime(constant, deviation, wait)

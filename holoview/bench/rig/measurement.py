@@ -11,7 +11,7 @@ from holoview.bench.captures.dataset import Captures
 from holoview.bench.rig.camera_pictures import (
     DARK_PICTURES,
     CheckedCamera,
-    Settling,
+    SettlingTime,
     dark_exposures,
     dark_notes,
     exposure_note,
@@ -41,7 +41,7 @@ class Measurement:
         self._camera = CheckedCamera(devices.camera, rig.bench.camera, self._note)
         self._energy: dict[float, float] = {}  # power × exposure that suited each laser last
         self._distance_m: float | None = None
-        self._settling: dict[str, Settling] = {}
+        self._settling: dict[str, SettlingTime] = {}
         self._told_of_dark: set[str] = set()
         self.notes: list[str] = []
 

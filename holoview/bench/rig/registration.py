@@ -60,7 +60,7 @@ _SPARE_DIGITS = 1
 
 
 @dataclass(frozen=True)
-class Measured:
+class UncertainValue:
     """A value with its standard deviation, in SI units."""
 
     value: float
@@ -89,7 +89,7 @@ class Registration:
     shape: tuple[int, int]
     slm_shape: tuple[int, int]
     camera_shape: tuple[int, int]
-    values: Mapping[str, Measured] = field(default_factory=dict)
+    values: Mapping[str, UncertainValue] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         return self.values[name].value
@@ -174,7 +174,7 @@ def read_registration(path: Path) -> Registration:
     return registration
 
 
-def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, Measured]:
+def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, UncertainValue]:
     wanted = [name for name in _UNITS if two or name not in _SECOND]
     check_keys(table, wanted, f"{where}.")
     values = {}
@@ -184,7 +184,7 @@ def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, Measur
         pair = Array(Number(_UNITS[name])).parse(table[name], f"{where}.{name}")
         if pair is None or len(pair) != 2 or pair[1] < 0:
             raise UserError(f"{where}.{name}", f"{table[name]}", expected="a value and its uncertainty")
-        values[name] = Measured(float(pair[0]), float(pair[1]))
+        values[name] = UncertainValue(float(pair[0]), float(pair[1]))
     if not (values["pitch"].value > 0 and values["stage_scale"].value > -1):
         raise UserError(where, "a pitch or a scale of the stage that can't be", remedy=_REMEDY)
     return values
@@ -204,7 +204,7 @@ def _whole_pair(table: Mapping[str, Any], key: str, where: str, least: int) -> t
     return value[0], value[1]
 
 
-def _pair(found: Measured, unit: str) -> list[Any]:
+def _pair(found: UncertainValue, unit: str) -> list[Any]:
     """Value and uncertainty as text, or as numbers where they have no unit."""
     pair = [rounded_to(found.value, found.uncertainty), float(f"{found.uncertainty:.2g}")]
     return [units.format_exact(x, unit) for x in pair] if unit else pair

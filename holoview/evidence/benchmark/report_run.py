@@ -450,7 +450,7 @@ class ReportOptions:
 
 
 @dataclass(frozen=True)
-class Measurement:
+class ReportMeasurement:
     """One measurement: the section that it belongs to, what it measures, and the function that does it."""
 
     section: str
@@ -476,21 +476,21 @@ class ReportRun:
             "results": {},
         }
 
-    def measurements(self) -> list[Measurement]:
+    def measurements(self) -> list[ReportMeasurement]:
         """All measurements but those that need a window, in order."""
         sizes = [measurement for size in self.options.sizes for measurement in self._of_size(size)]
         return [
-            Measurement(PROBE, "copies and submissions", self._probe),
-            *(Measurement(PARITY, name, lambda name=name: self._stages(name)) for name in CHANGES),  # type: ignore[misc]
+            ReportMeasurement(PROBE, "copies and submissions", self._probe),
+            *(ReportMeasurement(PARITY, name, lambda name=name: self._stages(name)) for name in CHANGES),  # type: ignore[misc]
             *sizes,
-            Measurement(TORCH, "frames beside torch, first image", self._beside_torch),
-            Measurement(OPTIMISER, "an iteration", self._optimiser),
-            Measurement(QUALITY, "until a hologram is as good as it gets", self._quality),
-            *([Measurement(QUALITY, "the same on a card", self._quality_on_card)] if has_cuda() else []),
-            Measurement(POWER, "frames in a row", self._power),
+            ReportMeasurement(TORCH, "frames beside torch, first image", self._beside_torch),
+            ReportMeasurement(OPTIMISER, "an iteration", self._optimiser),
+            ReportMeasurement(QUALITY, "until a hologram is as good as it gets", self._quality),
+            *([ReportMeasurement(QUALITY, "the same on a card", self._quality_on_card)] if has_cuda() else []),
+            ReportMeasurement(POWER, "frames in a row", self._power),
         ]
 
-    def make(self, measurement: Measurement) -> None:
+    def make(self, measurement: ReportMeasurement) -> None:
         """Make one measurement, and enter its result or the reason why there is none."""
         entry: dict[str, Any] = {"title": measurement.title}
         try:
@@ -513,21 +513,21 @@ class ReportRun:
 
     # --- measurements -----------------------------------------------------------------------------------------------
 
-    def _of_size(self, size: Size) -> Iterator[Measurement]:
+    def _of_size(self, size: Size) -> Iterator[ReportMeasurement]:
         """The measurements of one size."""
         columns, rows = size
         where = f"{columns} × {rows}"
-        yield Measurement(TUNING, where, lambda: tune(self.device, (rows, columns)).as_dict())
+        yield ReportMeasurement(TUNING, where, lambda: tune(self.device, (rows, columns)).as_dict())
         for strategy in STRATEGIES:
             title = f"{where}, {strategy}"
-            yield Measurement(FRAME_PARITY, title, lambda strategy=strategy: self._frame_error(size, strategy))  # type: ignore[misc]
+            yield ReportMeasurement(FRAME_PARITY, title, lambda strategy=strategy: self._frame_error(size, strategy))  # type: ignore[misc]
         for count in self.options.wavelengths:
             for strategy in STRATEGIES:
                 case = FrameCase(size, count, strategy)
-                yield Measurement(FRAMES, case.label, lambda case=case: self._frames(case))  # type: ignore[misc]
+                yield ReportMeasurement(FRAMES, case.label, lambda case=case: self._frames(case))  # type: ignore[misc]
             if count > 1:
                 title = f"{where}, {count} λ, several in a dispatch"
-                yield Measurement(FRAMES, title, lambda count=count: self._batched(size, count))  # type: ignore[misc]
+                yield ReportMeasurement(FRAMES, title, lambda count=count: self._batched(size, count))  # type: ignore[misc]
 
     def _probe(self) -> dict[str, Any]:
         probe = probe_device(self.device, self.options.rounds)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from holoview.evidence.study.runner import ResultStore
 from holoview.evidence.sweep.axes import Axis, check_key, grid_points, is_of_optimiser, parse_axis
 from holoview.evidence.sweep.measures import MEASURES, parse_measures
-from holoview.evidence.sweep.points import PointRunner, Sweep, SweptTarget
+from holoview.evidence.sweep.points import ParameterSweep, PointRunner, SweptTarget
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.light.model.system import System
@@ -52,7 +52,7 @@ def sweep_document(
         show(_curve(runner, request.measure))
 
 
-def _sweep_of(document: Document, request: SweepRequest, axis: Axis) -> Sweep:
+def _sweep_of(document: Document, request: SweepRequest, axis: Axis) -> ParameterSweep:
     """Raises UserError for measures and optimisations without a target."""
     spec, names = document.target_spec, parse_measures(request.measure, document.system)
     is_optimised = request.iterations > 0 or is_of_optimiser(axis.key)
@@ -61,7 +61,7 @@ def _sweep_of(document: Document, request: SweepRequest, axis: Axis) -> Sweep:
         raise UserError("sweep", f"there is no target, and {what}", remedy="open a picture, or measure the contrast")
     if document.system.is_field and is_optimised:
         raise UserError("sweep", "with a field", expected="a bench with modulators, or 0 iterations")
-    return Sweep(
+    return ParameterSweep(
         system=document.lit_system,
         measures=names,
         drive=document.drive,

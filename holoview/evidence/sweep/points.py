@@ -67,7 +67,7 @@ class SweptTarget:
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class ParameterSweep:
     """What is swept.
 
     system: the bench, which each point changes. drive: patterns that are shown as they are, or with which optimisations
@@ -121,7 +121,7 @@ class SweepStudy(Study):
     summary = "Measures against parameters."
     quick_note = ""
 
-    def __init__(self, sweep: Sweep, starts: Mapping[str, NDArray[Any]] | None = None) -> None:
+    def __init__(self, sweep: ParameterSweep, starts: Mapping[str, NDArray[Any]] | None = None) -> None:
         self.sweep, self.starts = sweep, dict(starts or {})
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
@@ -212,7 +212,7 @@ Patterns = dict[str, tuple[StudyJob, NDArray[Any]]]
 class PointRunner:
     """Measures points of a sweep. asked: the points and their jobs, in order."""
 
-    sweep: Sweep
+    sweep: ParameterSweep
     axes: Sequence[Axis]
     store: ResultStore
     target: ExecutionTarget = field(default_factory=ExecutionTarget)

@@ -14,7 +14,7 @@ from holoview.light.model.bench_parts import Modulator, Relay, Source
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.optics.bench import pupil_without_effects, relay_response
-from holoview.light.optics.free_space import AngularSpectrum, Window
+from holoview.light.optics.free_space import AngularSpectrum, SampleWindow
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -58,7 +58,7 @@ class FieldTarget:
         stack: NDArray[np.float32] = xyz_to_linear_srgb(xyz).astype(np.float32)
         return stack
 
-    def _bench_seen_by_eye(self, system: System, window: Window) -> System:
+    def _bench_seen_by_eye(self, system: System, window: SampleWindow) -> System:
         """The bench of the light in the plane of the last modulator, on a system's samples, seen by its eye."""
         return replace(
             system,
@@ -103,7 +103,7 @@ class FieldTarget:
         stacked: NDArray[np.complex64] = torch.stack(found, dim=1).to(torch.complex64).numpy()
         return stacked
 
-    def _light(self, laser: int, plane_m: float, window: Window) -> torch.Tensor:
+    def _light(self, laser: int, plane_m: float, window: SampleWindow) -> torch.Tensor:
         """The field (frame, y, x) of one laser in a plane, complex128."""
         values = torch.from_numpy(self.field.values[:, laser].astype(np.complex128))
         λ, pitch_m = float(self.field.wavelengths_m[laser]), self.field.pitch_m
@@ -125,7 +125,7 @@ def _seen_by_eye(plan: Plan, laser: int, plane: int, spectrum: torch.Tensor) -> 
     return seen[(..., *plan.grid.inside)]
 
 
-def _samples_of(system: System) -> Window:
+def _samples_of(system: System) -> SampleWindow:
     """The samples of a system's simulation grid."""
     grid = make_plan(system).grid
-    return Window(grid.shape, (grid.pitch_m, grid.pitch_m))
+    return SampleWindow(grid.shape, (grid.pitch_m, grid.pitch_m))

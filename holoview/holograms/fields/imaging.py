@@ -20,7 +20,7 @@ from holoview.holograms.fields.wavefield import Wavefield
 from holoview.holograms.files.request import Propagation, WindowRequest
 from holoview.light.model.field_band import EQUAL_AMPLITUDES, line_spectrum
 from holoview.light.model.validity import LEAST_IN_PICTURE
-from holoview.light.optics.free_space import Pair, Window
+from holoview.light.optics.free_space import Pair, SampleWindow
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
@@ -112,7 +112,7 @@ def with_square_pitch(field: Wavefield) -> tuple[Wavefield, str]:
         raise UserError("pitch", found, expected=f"at most {_MOST_SAMPLES} along a side")
     require_memory("field", field.values.size // math.prod(field.shape) * math.prod(shape) * 32)
     lit = replace(field, values=lit_field(field), reference_radius_m=None)
-    seen = propagate_field(lit, 0.0, "asm", Window(shape, (pitch_m, pitch_m)))
+    seen = propagate_field(lit, 0.0, "asm", SampleWindow(shape, (pitch_m, pitch_m)))
     values = seen.values.numpy().astype(np.complex64)
     note = f"its pitch of {own} (y, x) was resampled to {units.format_rounded(pitch_m, 'um')}, by its spectrum"
     return replace(lit, values=values, pitch_m=(pitch_m, pitch_m)), note
@@ -185,7 +185,7 @@ def _moved(field: Wavefield, choice: MethodChoice) -> ImagedField:
     return ImagedField(there, note, min(power / whole, 1.0) if whole > 0 else 1.0, choice.method != "asm")
 
 
-def _asked_window(field: Wavefield, asked: WindowRequest) -> Window:
+def _asked_window(field: Wavefield, asked: WindowRequest) -> SampleWindow:
     """The window of a request; the field's own side and pitch, and the axis, where it says nothing."""
     if field.distance_m == 0:
         raise UserError("window", "of a field without a distance", expected="a distance to its image other than 0")
@@ -196,7 +196,7 @@ def _asked_window(field: Wavefield, asked: WindowRequest) -> Window:
     if not all(2 <= n <= _MOST_SAMPLES for n in (rows, columns)):
         found = f"{columns} × {rows} samples"
         raise UserError("window", found, expected=f"2 to {_MOST_SAMPLES} along a side")
-    return Window((rows, columns), pitch_m, asked.centre_m)
+    return SampleWindow((rows, columns), pitch_m, asked.centre_m)
 
 
 # --- the window that holds the light ----------------------------------------------------------------------------------
@@ -274,7 +274,7 @@ def _holding_span(places: NDArray[np.float64], power: NDArray[np.floating]) -> P
     return _span(float(places[low]) - step, float(places[min(int(high), len(places) - 1)]) + step)
 
 
-def _window_of(field: Wavefield, spans: Sequence[Pair]) -> Window:
+def _window_of(field: Wavefield, spans: Sequence[Pair]) -> SampleWindow:
     """The window of samples on the field's own grid that holds a span along y and one along x.
 
     It is around the axis where the span's middle is nearer to the axis than to its ends.
@@ -286,4 +286,4 @@ def _window_of(field: Wavefield, spans: Sequence[Pair]) -> Window:
         count = max(2, math.ceil(2 * half / pitch))
         counts.append(count + (count - n) % 2)
         centres.append(round(middle / pitch) * pitch)
-    return Window((counts[0], counts[1]), field.pitch_m, (centres[0], centres[1]))
+    return SampleWindow((counts[0], counts[1]), field.pitch_m, (centres[0], centres[1]))

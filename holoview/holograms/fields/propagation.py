@@ -14,7 +14,7 @@ from holoview.holograms.fields.wavefield import Wavefield
 from holoview.light.numerics.fourier import phasor_of_turns
 from holoview.light.optics.free_space import (
     AngularSpectrum,
-    Window,
+    SampleWindow,
     first_order_window,
     fresnel_propagate,
     tilted_propagate,
@@ -37,7 +37,7 @@ class MethodChoice:
 
     method: Method
     reason: str
-    window: Window
+    window: SampleWindow
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +56,13 @@ class PropagatedField:
         return self.values.abs().square().mean(dim=0)
 
 
-def own_window(field: Wavefield) -> Window:
+def own_window(field: Wavefield) -> SampleWindow:
     """The window that a field's own samples fill."""
-    return Window(field.shape, field.pitch_m)
+    return SampleWindow(field.shape, field.pitch_m)
 
 
 def choose_method(
-    field: Wavefield, distance_m: float, method: Method = "auto", window: Window | None = None
+    field: Wavefield, distance_m: float, method: Method = "auto", window: SampleWindow | None = None
 ) -> MethodChoice:
     """The method for a distance and a window, and the window where None is given.
 
@@ -109,7 +109,7 @@ def propagate_field(
     field: Wavefield,
     distance_m: float,
     method: Method = "auto",
-    window: Window | None = None,
+    window: SampleWindow | None = None,
     *,
     values: Tensor | None = None,
 ) -> PropagatedField:
@@ -155,7 +155,9 @@ def propagate_field(
     return PropagatedField(torch.stack(planes, dim=1), choice)
 
 
-def _by_spectrum(field: Wavefield, values: Tensor, wavelength_m: float, distance_m: float, window: Window) -> Tensor:
+def _by_spectrum(
+    field: Wavefield, values: Tensor, wavelength_m: float, distance_m: float, window: SampleWindow
+) -> Tensor:
     """The field in a window, (frame, rows, columns), by angular spectrum.
 
     A field that is lit by a spherical wave, exp(−πi·x²/(λR)), is, with m = (R − z)/R, seen at the equivalent distance
@@ -187,12 +189,12 @@ def _shrinking(field: Wavefield, distance_m: float) -> float:
     )
 
 
-def _shrunk(window: Window, by: float) -> Window:
+def _shrunk(window: SampleWindow, by: float) -> SampleWindow:
     """A window with lengths of another scale."""
     if by == 1:
         return window
     pitch_m, centre_m = ((y * by, x * by) for y, x in (window.pitch_m, window.centre_m))
-    return Window(window.shape, pitch_m, centre_m, window.tilt_rad)
+    return SampleWindow(window.shape, pitch_m, centre_m, window.tilt_rad)
 
 
 def farthest_by_spectrum(field: Wavefield) -> float:
@@ -201,7 +203,7 @@ def farthest_by_spectrum(field: Wavefield) -> float:
     return min(2 * n * pitch**2 / longest for n, pitch in zip(field.shape, field.pitch_m, strict=True))
 
 
-def _automatic(field: Wavefield, distance_m: float, window: Window | None) -> tuple[Method, str]:
+def _automatic(field: Wavefield, distance_m: float, window: SampleWindow | None) -> tuple[Method, str]:
     """The method and its reason."""
     if field.reference_radius_m is not None:
         lit = f"lit by a spherical wave of radius {units.format_rounded(field.reference_radius_m, 'mm')}"
@@ -239,7 +241,7 @@ def farthest_by_light(field: Wavefield) -> float:
     return min(limits)
 
 
-def _for_window(field: Wavefield, distance_m: float, window: Window) -> tuple[Method, str]:
+def _for_window(field: Wavefield, distance_m: float, window: SampleWindow) -> tuple[Method, str]:
     """The method for a window, by the size of the grid that the angular spectrum needs."""
     longest = float(field.wavelengths_m.max())
     path = AngularSpectrum.make(field.shape, field.pitch_m, longest, distance_m, window)

@@ -22,7 +22,7 @@ from holoview.holograms.fields.interpret.candidates import Candidate, name_wavel
 from holoview.holograms.fields.interpret.known_files import find_alike, find_known_file
 from holoview.holograms.fields.interpret.named_lengths import find_named_lengths
 from holoview.holograms.fields.interpret.properties import (
-    Findings,
+    FileFindings,
     Known,
     Question,
     find_distance,
@@ -126,7 +126,7 @@ def read_wavefield(
             raise UserError(str(path), "is a folder", expected="a hologram's file")
     given = request or ReadRequest()
     merged = _with_kind(over(given, read_notes(files[0])))
-    findings = Findings()
+    findings = FileFindings()
     with ExitStack() as stack:
         table = find_known_file(files[0].name)
         opens = open_tiles if table is not None and table.is_tiled and len(files) == 1 else open_file
@@ -151,7 +151,11 @@ def _with_kind(request: ReadRequest) -> ReadRequest:
 
 
 def _known(
-    path: Path, contents: Sequence[tuple[Path, Contents]], request: ReadRequest, given: ReadRequest, findings: Findings
+    path: Path,
+    contents: Sequence[tuple[Path, Contents]],
+    request: ReadRequest,
+    given: ReadRequest,
+    findings: FileFindings,
 ) -> Known:
     """All sources of a field's properties."""
     numbers: dict[str, tuple[float, ...]] = {}
@@ -170,7 +174,7 @@ def _known(
     return Known(request, given, contents[0][1].facts, lengths, facts, reason, path.name, named_wavelengths)
 
 
-def _read(known: Known, arrangement: Arrangement, findings: Findings, progress: StepCallback | None) -> Reading:
+def _read(known: Known, arrangement: Arrangement, findings: FileFindings, progress: StepCallback | None) -> Reading:
     request, name = known.request, known.name
     is_field = not arrangement.is_recording
     _, colours, rows, columns = arrangement.sizes
@@ -214,7 +218,7 @@ def _region(
     shape: tuple[int, int],
     pitch_m: tuple[float, float],
     distance_m: float,
-    findings: Findings,
+    findings: FileFindings,
 ) -> Region:
     """The part that is read; a note says where it lies, because pictures are centred on it."""
     rows, columns = shape
@@ -256,7 +260,7 @@ def _finished(
     return without_checkerboard(values) if request.checkerboard else values
 
 
-def _describe_request(known: Known, arrangement: Arrangement, findings: Findings) -> None:
+def _describe_request(known: Known, arrangement: Arrangement, findings: FileFindings) -> None:
     request = known.request
     if request.refractive_index is not None:
         reason = "wavelengths are divided by it"
@@ -268,7 +272,7 @@ def _describe_request(known: Known, arrangement: Arrangement, findings: Findings
         findings.add("sign of the phase", "exp(+iφ)", "guessed", "the usual sign; the other one mirrors the distance")
 
 
-def _require_answers(known: Known, findings: Findings) -> None:
+def _require_answers(known: Known, findings: FileFindings) -> None:
     """Raises UserError with all necessary questions, unless guesses are accepted."""
     asked = [q for q in findings.questions if q.key in ("pitch", "wavelengths")]
     if not asked or known.request.accept_guesses:

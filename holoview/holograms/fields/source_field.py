@@ -105,12 +105,12 @@ def _sampled_light(
     """The light (y, x) complex64 at the samples of a window (rows, columns, pitch), as a tensor."""
     import torch
 
-    from holoview.light.optics.free_space import AngularSpectrum, Window
+    from holoview.light.optics.free_space import AngularSpectrum, SampleWindow
 
     field = _read(file, changed_ns)
     values = torch.from_numpy(lit_field(field)[0, _wavelength_index(field, wavelength_m)].astype(np.complex128))
     rows, columns, pitch_m = window
-    there = Window((rows, columns), (pitch_m, pitch_m))
+    there = SampleWindow((rows, columns), (pitch_m, pitch_m))
     path = AngularSpectrum.make(field.shape, field.pitch_m, wavelength_m, distance_m, there)
     light = path.propagate(values)
     mean = float(light.abs().square().mean())

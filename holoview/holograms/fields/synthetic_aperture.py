@@ -18,7 +18,7 @@ from PIL import Image
 from holoview.holograms.fields.propagation import Method, PropagatedField, choose_method, propagate_field
 from holoview.holograms.fields.wavefield import Wavefield, samples_of_degrees
 from holoview.holograms.files.request import Viewpoint
-from holoview.light.optics.free_space import Window
+from holoview.light.optics.free_space import SampleWindow
 from holoview.util.errors import UserError
 
 Pair = tuple[float, float]
@@ -119,7 +119,7 @@ def seen_through(
     aperture: SyntheticAperture,
     distance_m: float,
     method: Method = "auto",
-    window: Window | None = None,
+    window: SampleWindow | None = None,
 ) -> PropagatedField:
     """The image at a distance of the light that passes an aperture, in the window in which the whole is seen.
 

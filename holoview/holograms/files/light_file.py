@@ -42,7 +42,7 @@ _MOST_ABOUT = 8 << 20
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class PlaneLight:
     """The light at focal planes.
 
     intensity: (plane, wavelength, y, x), None where a file doesn't hold it. xyz, rgb: (plane, y, x, 3), rgb linear and
@@ -68,7 +68,7 @@ def is_light_file(path: Path) -> bool:
     return kind in ("NPZ", "NPY of light")
 
 
-def read_light(path: Path) -> Light:
+def read_light(path: Path) -> PlaneLight:
     """The light of a file that holoview wrote, every number as it was written.
 
     Raises UserError for other files, damaged ones, and such that are too large for the memory that is allowed.
@@ -93,13 +93,13 @@ def _naming(path: Path) -> Iterator[None]:
         raise UserError(str(path), f"is truncated or damaged ({reason})", expected=_EXPECTED) from error
 
 
-def _read_arrays(path: Path) -> Light:
+def _read_arrays(path: Path) -> PlaneLight:
     with _naming(path):
         arrays = light_arrays(path)
     if not {"about", "xyz", "rgb"} <= arrays.keys():
         raise UserError(str(path), f"holds the arrays {', '.join(sorted(arrays))}", expected=_EXPECTED)
     about = _parse_about(path, arrays["about"].tobytes())
-    light = Light(
+    light = PlaneLight(
         arrays["xyz"],
         arrays["rgb"],
         arrays.get("intensity"),
@@ -110,7 +110,7 @@ def _read_arrays(path: Path) -> Light:
     return _checked(path, light)
 
 
-def _checked(path: Path, light: Light) -> Light:
+def _checked(path: Path, light: PlaneLight) -> PlaneLight:
     """The light. Raises UserError for arrays that don't belong together, and for numbers that aren't finite."""
     shape = light.xyz.shape
     intensity = light.intensity
@@ -143,7 +143,7 @@ def _numbers(about: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     return np.zeros(0)
 
 
-def _read_exr(path: Path) -> Light:
+def _read_exr(path: Path) -> PlaneLight:
     with _naming(path):
         with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(file.header(index)) for index in range(len(file.parts))]
@@ -157,7 +157,7 @@ def _read_exr(path: Path) -> Light:
             rgb, xyz = (_stacked(parts, names) for names in (["R", "G", "B"], ["xyz.X", "xyz.Y", "xyz.Z"]))
             spectral = [f"S0.{wavelength_text(at)}" for at in wavelengths_m.tolist()]
             intensity = np.moveaxis(_stacked(parts, spectral), -1, 1) if spectral else None
-    return _checked(path, Light(xyz, rgb, intensity, wavelengths_m, _numbers(about, "planes_m"), about))
+    return _checked(path, PlaneLight(xyz, rgb, intensity, wavelengths_m, _numbers(about, "planes_m"), about))
 
 
 def wavelength_text(wavelength_m: float) -> str:
@@ -175,13 +175,13 @@ def _stacked(parts: list[dict[str, Any]], names: list[str]) -> NDArray[np.floati
     return np.stack([np.stack([part[name].pixels for name in names], axis=-1) for part in parts])
 
 
-def _read_tiff(path: Path) -> Light:
+def _read_tiff(path: Path) -> PlaneLight:
     with _naming(path):
         with tifffile.TiffFile(path) as file:
             about = _parse_about(path, str(file.pages[0].description))
         rgb = np.stack([raster.values for raster in read_rasters(path)]).astype(np.float32)
     xyz = rgb @ SRGB_TO_XYZ.T if rgb.shape[-1] == 3 else rgb  # which `_checked` refuses
-    return _checked(path, Light(xyz, rgb, None, np.zeros(0), _numbers(about, "planes_m"), about, ("rgb",)))
+    return _checked(path, PlaneLight(xyz, rgb, None, np.zeros(0), _numbers(about, "planes_m"), about, ("rgb",)))
 
 
 def about_text(about: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ import tifffile
 
 from holoview.holograms.files.exr_writer import ExrPart, exr_bytes
 from holoview.holograms.files.light_arrays import LIGHT_ARRAYS
-from holoview.holograms.files.light_file import SUFFIXES, Light, about_text, wavelength_text
+from holoview.holograms.files.light_file import SUFFIXES, PlaneLight, about_text, wavelength_text
 from holoview.light.colour import ColourSpace
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -38,7 +38,9 @@ _AXES = {
 }
 
 
-def make_light(intensity: Any, xyz: Any, wavelengths_m: Any, planes_m: Any, space: ColourSpace, **about: Any) -> Light:
+def make_light(
+    intensity: Any, xyz: Any, wavelengths_m: Any, planes_m: Any, space: ColourSpace, **about: Any
+) -> PlaneLight:
     """Light with linear RGB of a colour space (float32), from intensity (plane, wavelength, y, x) and XYZ.
 
     about: further JSON values that the files keep, such as observer, pitch_m, backend and the bench.
@@ -54,7 +56,7 @@ def make_light(intensity: Any, xyz: Any, wavelengths_m: Any, planes_m: Any, spac
         **about,
     }
     rgb = (np.asarray(xyz, dtype=np.float64) @ space.from_xyz.T).astype(np.float32)
-    return Light(xyz, rgb, intensity, np.asarray(wavelengths_m), np.asarray(planes_m), described)
+    return PlaneLight(xyz, rgb, intensity, np.asarray(wavelengths_m), np.asarray(planes_m), described)
 
 
 def check_light_suffix(path: str | os.PathLike[str]) -> str:
@@ -65,7 +67,7 @@ def check_light_suffix(path: str | os.PathLike[str]) -> str:
     return suffix
 
 
-def write_light(path: str | os.PathLike[str], light: Light) -> None:
+def write_light(path: str | os.PathLike[str], light: PlaneLight) -> None:
     """Writes light by the suffix of the path, atomically.
 
     Raises UserError for another suffix, for a .tif in other colours than sRGB, and where there isn't the memory to make
@@ -88,19 +90,19 @@ def write_light(path: str | os.PathLike[str], light: Light) -> None:
         write_file(path, _tiff(path, light))
 
 
-def _npz(light: Light) -> memoryview:
+def _npz(light: PlaneLight) -> memoryview:
     buffer, arrays = io.BytesIO(), _arrays(light)
     np.savez(buffer, about=arrays.pop("about"), **arrays)  # first: by it the file is recognised
     return buffer.getbuffer()
 
 
-def _arrays(light: Light) -> dict[str, Any]:
+def _arrays(light: PlaneLight) -> dict[str, Any]:
     """The arrays of `LIGHT_ARRAYS`, in this order."""
     about = {"about": np.frombuffer(about_text(light.about).encode(), np.uint8)}
     return {name: np.asarray(about[name] if name in about else getattr(light, name)) for name in LIGHT_ARRAYS}
 
 
-def _exr_parts(light: Light) -> list[ExrPart]:
+def _exr_parts(light: PlaneLight) -> list[ExrPart]:
     """A part for each plane, named by it."""
     assert light.intensity is not None
     names = [f"S0.{wavelength_text(at)}" for at in light.wavelengths_m.tolist()]
@@ -122,7 +124,7 @@ def _exr_parts(light: Light) -> list[ExrPart]:
     return parts
 
 
-def _tiff(path: str | os.PathLike[str], light: Light) -> memoryview:
+def _tiff(path: str | os.PathLike[str], light: PlaneLight) -> memoryview:
     if light.about["rgb_space"] != "sRGB":
         remedy = "write an .exr, which states its primaries"
         raise UserError(str(path), f"in {light.about['rgb_space']}", expected="sRGB: readers take it so", remedy=remedy)

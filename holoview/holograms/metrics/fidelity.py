@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.holograms.files.light_file import Light
+from holoview.holograms.files.light_file import PlaneLight
 from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, gamut_map, import_colour_science, xyz_to_linear_srgb
 from holoview.util.errors import UserError
 
@@ -142,7 +142,7 @@ def delta_e_map_xyz(image: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
     return difference
 
 
-def light_differences(light: Light, reference: Light) -> list[dict[str, Any]]:
+def light_differences(light: PlaneLight, reference: PlaneLight) -> list[dict[str, Any]]:
     """How far the light of each plane is from a reference with as many samples, as JSON values.
 
     equal: whether what both files store of XYZ, RGB of one colour space and intensities is the same bit by bit, or else

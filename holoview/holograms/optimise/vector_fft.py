@@ -10,7 +10,7 @@ A block of lines is an array (position, part, lane), flat; the parts are real an
 
 `fft` factors P into radices and transforms by decimation in frequency with constant geometry (Pease, J. ACM 15, 252
 (1968)): every stage reads positions p + j·P/r and writes r·p + j. Results lie in the order of reversed digits, which
-`FftPlan.order` lists; readers pick them by index.
+`FftTables.order` lists; readers pick them by index.
 
 numba knows no vectors. `_Vector` adds them, with loads, stores, sums and products as instructions of LLVM, which
 chooses registers for the processor that it compiles for.
@@ -234,7 +234,7 @@ def _exchanged(builder: Any, vectors: list[Any]) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class FftPlan:
+class FftTables:
     """The tables that `fft` needs for a length P.
 
     radices: factors of P. roots: the factors between the stages, (number, real and imaginary part), flat. starts: index
@@ -268,7 +268,7 @@ def _factors(length: int) -> list[int]:
 
 
 @cache
-def fft_plan(length: int, double: bool) -> FftPlan:
+def fft_plan(length: int, double: bool) -> FftTables:
     """The plan for a length for which `has_fft` is true, in double or in single precision."""
     radices, rest, weight = _factors(length), length, 1
     roots, order = [], np.zeros(radices, dtype=np.int64)
@@ -280,7 +280,7 @@ def fft_plan(length: int, double: bool) -> FftPlan:
     starts = np.cumsum([0, *(len(part) for part in roots)])
     places = np.argsort(order.ravel())
     numbers: NDArray[np.floating] = np.concatenate(roots).astype(np.float64 if double else np.float32)
-    return FftPlan(np.array(radices), numbers, starts, order.ravel(), places)
+    return FftTables(np.array(radices), numbers, starts, order.ravel(), places)
 
 
 @compiled

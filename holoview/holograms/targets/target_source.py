@@ -60,7 +60,7 @@ class TargetFile:
         return not self.has_views and is_stack(self.path)
 
 
-class Scene(Protocol):
+class ComputedScene(Protocol):
     """A scene that computes its pictures for any system, such as `fields.field_target.FieldTarget`."""
 
     @property
@@ -81,7 +81,7 @@ class TargetContent:
     placement: of a picture. brightness, saturation, space: as of `TargetFile`; views have their saturation already.
     """
 
-    source: Picture | LightField | Path | Scene
+    source: Picture | LightField | Path | ComputedScene
     placement: Placement = field(default_factory=Placement)
     brightness: float = 1.0
     saturation: float = 1.0
@@ -104,7 +104,7 @@ class TargetContent:
             system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
         )
 
-    def _of_scene(self, scene: Scene, system: System, planes_m: NDArray[np.float64]) -> Target:
+    def _of_scene(self, scene: ComputedScene, system: System, planes_m: NDArray[np.float64]) -> Target:
         check_saturation(self.saturation)
         stack = np.stack([scale_saturation(image, self.saturation) for image in scene.images(system, planes_m)])
         return Target.from_stack(stack, planes_m, scene.source, self.brightness)
@@ -142,7 +142,7 @@ class TargetSource:
         file: TargetFile,
         tell: TextCallback,
         reach_m: float = 0.0,
-        scene: Scene | None = None,
+        scene: ComputedScene | None = None,
     ) -> None:
         self._system, self._file, self._tell = system, file, tell
         self._told: set[str] = set()

@@ -39,7 +39,7 @@ def _centre(name: str) -> Parameter:
     return Parameter(name, doc, low=-2.0, high=2.0, prior=0.1, modifies=moved)
 
 
-class Beam(Effect):
+class BeamProfile(Effect):
     """amplitude = exp(−(size²·|E(r − centre)|²)^edge) · exp(2πi·W(r)/λ), r in half sides of the modulator, the longer.
 
     size is the half side over the radius at which the amplitude has fallen to 1/e; 0 is even light. edge 1 is a

@@ -25,7 +25,7 @@ from holoview.light.gpu.line_fft import (
     Axis,
     Hooks,
     LineFft,
-    Step,
+    LineTransform,
     Strategy,
     TransformShader,
     can_access_fours,
@@ -366,21 +366,23 @@ def rows_of(layout: FrameLayout, kernel: str, relay: int) -> tuple[StoredRows, S
     }[kernel]
 
 
-def _steps(layout: FrameLayout, kernel: str, relay: int) -> tuple[Step, ...]:
+def _steps(layout: FrameLayout, kernel: str, relay: int) -> tuple[LineTransform, ...]:
     grid, pixels = layout.shape.grid, layout.pixel_grid
     rows, columns, band = _window(grid, 0), _window(grid, 1), layout.band(relay, 0)
-    inverse = Step("inverse", rows, band)
+    inverse = LineTransform("inverse", rows, band)
     if kernel == "light":
-        return (Step("forward", _window(pixels, 1), layout.band(relay, 1)),)
+        return (LineTransform("forward", _window(pixels, 1), layout.band(relay, 1)),)
     if kernel == "propagate" and _reads_pixels(layout, relay):
-        return Step("forward", _window(pixels, 0), band, grid.upsample), inverse
+        return LineTransform("forward", _window(pixels, 0), band, grid.upsample), inverse
     if kernel == "modulate":
-        return Step("inverse", columns, layout.band(0, 1)), Step("forward", columns, layout.band(1, 1))
+        return LineTransform("inverse", columns, layout.band(0, 1)), LineTransform(
+            "forward", columns, layout.band(1, 1)
+        )
     return {
-        "propagate": (Step("forward", rows, band), inverse),
-        "spectrum": (Step("forward", rows, band),),
+        "propagate": (LineTransform("forward", rows, band), inverse),
+        "spectrum": (LineTransform("forward", rows, band),),
         "image": (inverse,),
-        "observe": (Step("inverse", columns, layout.band(1, 1)),),
+        "observe": (LineTransform("inverse", columns, layout.band(1, 1)),),
     }[kernel]
 
 

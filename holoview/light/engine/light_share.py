@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import Plan
-from holoview.light.model.validity import LEAST_IN_PICTURE, Light
+from holoview.light.model.validity import LEAST_IN_PICTURE, LightFigures
 
 _STEEPEST = 0.99  # direction sine of light whose way is bounded
 
@@ -94,7 +94,7 @@ def _derived_power(plan: Plan, drive: Any) -> NDArray[np.float64]:
     return power_behind(plan, drive)
 
 
-def figures_of(plan: Plan, drive: Any, shares: LightShares, focus_m: NDArray[np.float64]) -> Light:
+def figures_of(plan: Plan, drive: Any, shares: LightShares, focus_m: NDArray[np.float64]) -> LightFigures:
     """The figures of the light that the limits of the model are measured of.
 
     focus_m: (plane,) the distances that are told. Where the power behind the last element takes transforms, the share
@@ -103,9 +103,9 @@ def figures_of(plan: Plan, drive: Any, shares: LightShares, focus_m: NDArray[np.
     at_edge = edge_power(drive) if plan.nominal.is_field and plan.distances_m.any() else None  # at 0 nothing propagates
     is_known = shares.is_derived or shares.plain_behind is not None
     if not (is_known or may_leave(plan)) or not np.isfinite(shares.by_plane).all():
-        return Light(at_edge=at_edge)
+        return LightFigures(at_edge=at_edge)
     least = int(np.argmin(shares.by_plane))
-    return Light(float(shares.by_plane[least]), float(focus_m[least]), at_edge)
+    return LightFigures(float(shares.by_plane[least]), float(focus_m[least]), at_edge)
 
 
 def may_leave(plan: Plan) -> bool:

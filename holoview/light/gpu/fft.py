@@ -23,7 +23,7 @@ from holoview.light.gpu.line_fft import (
     Direction,
     Hooks,
     LineFft,
-    Step,
+    LineTransform,
     Strategy,
     TransformShader,
     check_strategy,
@@ -134,4 +134,4 @@ class FftPlan:
     def _line_fft(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineFft:
         constants = (("row_stride", self.stride), ("field_stride", self.stride * self.shape[0]), ("scale", scale))
         hooks = Hooks("FFT", (storage_shader(self._device), "fft/buffer.wgsl"), constants, has_work_hooks=True)
-        return LineFft(self._device, axis, self.shape, (Step(direction),), hooks, self.strategy)
+        return LineFft(self._device, axis, self.shape, (LineTransform(direction),), hooks, self.strategy)

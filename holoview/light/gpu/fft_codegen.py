@@ -16,7 +16,7 @@ from functools import cache
 from typing import Literal
 
 from holoview.light.gpu.shader import WgslStruct
-from holoview.light.gpu.spectrum_order import Direction, Step, covered_digits
+from holoview.light.gpu.spectrum_order import Direction, LineTransform, covered_digits
 from holoview.light.numerics.sampling import ceil_div, is_fast_length, next_fast_length
 from holoview.util.errors import UserError
 
@@ -93,7 +93,7 @@ PassSteps = tuple[tuple[PassShape, Direction], ...]
 """The steps of one pass: one step, or the end of a transform and the beginning of the next."""
 
 
-def pass_shapes(length: int, factors: tuple[int, ...], step: Step) -> list[PassShape]:
+def pass_shapes(length: int, factors: tuple[int, ...], step: LineTransform) -> list[PassShape]:
     """The forward passes over lines of `length` points, in order; an inverse transform takes them in reverse order.
 
     A single point has one pass of radix 1, which only calls the hooks.
@@ -108,7 +108,7 @@ def pass_shapes(length: int, factors: tuple[int, ...], step: Step) -> list[PassS
     return shapes
 
 
-def merge_passes(length: int, factors: tuple[int, ...], steps: Sequence[Step]) -> list[PassSteps]:
+def merge_passes(length: int, factors: tuple[int, ...], steps: Sequence[LineTransform]) -> list[PassSteps]:
     """The passes of all steps in order. The last pass of a step and the first of the next are merged into one.
 
     factors: the radices of `length`; the last one has to be a multiple of each step's `repeats`.

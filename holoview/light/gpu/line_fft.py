@@ -59,7 +59,7 @@ from holoview.light.gpu.fft_codegen import (
 )
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.light.gpu.shader import GeneratedWgsl, ShaderSource, link
-from holoview.light.gpu.spectrum_order import Direction, Range, SpectrumOrder, Step, covered_digits
+from holoview.light.gpu.spectrum_order import Direction, LineTransform, Range, SpectrumOrder, covered_digits
 from holoview.light.numerics.sampling import ceil_div
 from holoview.util.errors import UserError
 
@@ -113,7 +113,7 @@ def fit_tile(axis: Axis, n: int, factors: Sequence[int], memory_bytes: int) -> W
     return WorkgroupTile(axis, n, threads, lines)
 
 
-def generate_workgroup_shader(tile: WorkgroupTile, factors: tuple[int, ...], steps: Sequence[Step]) -> str:
+def generate_workgroup_shader(tile: WorkgroupTile, factors: tuple[int, ...], steps: Sequence[LineTransform]) -> str:
     """The WGSL of the transforms of a tile, to be linked after its hooks; the entry point is `main`."""
     passes = merge_passes(tile.length, factors, steps)
     body: list[str] = []
@@ -158,7 +158,7 @@ def _pitch(n: int) -> int:
     return n + ceil_div(n, _BANKS)
 
 
-def _prologue(tile: WorkgroupTile, steps: Sequence[Step]) -> str:
+def _prologue(tile: WorkgroupTile, steps: Sequence[LineTransform]) -> str:
     """The beginning of the shader up to the line of an invocation.
 
     Invocations beyond the last line repeat it without storing, since all have to reach each barrier.
@@ -241,7 +241,7 @@ def generate_subgroup_shader(
     axis: str,
     n: int,
     lanes: int,
-    steps: Sequence[Step],
+    steps: Sequence[LineTransform],
     shared_hook: str | None = None,
     shared_points: int = 1,
     *,
@@ -308,7 +308,7 @@ class _Line(WgslEmitter):
         self.lines.append("begin(line, field);")
         self._twiddles = self.twiddles("lane", self.registers, n)
 
-    def spectrum(self, points: Names, step: Step) -> Spectrum:
+    def spectrum(self, points: Names, step: LineTransform) -> Spectrum:
         """The forward transform of points: frequencies by digit, group by group."""
         registers = self.registers // step.repeats
         twiddles = self._twiddles[:: step.repeats]
@@ -336,14 +336,14 @@ class _Line(WgslEmitter):
         turned = self.times_twiddles(columns[: self.registers], self._twiddles, conjugate=True)
         return dict(enumerate(emit_dft(self, turned, 1)))
 
-    def loaded_points(self, step: Step) -> Names:
+    def loaded_points(self, step: LineTransform) -> Names:
         """Points from the hook `load` or `load_shared`."""
         registers = self._needed_points(step)
         if self._shared_hook != "load":
             return {k: self.let(f"load({self._point(k)})") for k in registers}
         return {k: self.let(f"load_shared({self._point(k)}, {value})") for k, value in self._shared_values(registers)}
 
-    def loaded_spectrum(self, step: Step) -> Spectrum:
+    def loaded_spectrum(self, step: LineTransform) -> Spectrum:
         """Frequencies from the hook `load` or `load_four`, group by group."""
         for group in range(0, self.groups if self._fours else 0, 4):
             starts = self._frequencies(group, step)
@@ -354,7 +354,7 @@ class _Line(WgslEmitter):
             positions = self._frequencies(group, step)
             yield group, {digit: self.let(f"load({position})") for digit, position in positions.items()}
 
-    def between_points(self, points: Names, step: Step) -> Names:
+    def between_points(self, points: Names, step: LineTransform) -> Names:
         """Points after the hook `middle` or `middle_shared`."""
         registers = self._needed_points(step)
         if self._shared_hook != "middle":
@@ -362,7 +362,7 @@ class _Line(WgslEmitter):
         shared = self._shared_values(registers)
         return {k: self.let(f"middle_shared({self._point(k)}, {points[k]}, {value})") for k, value in shared}
 
-    def between_spectrum(self, spectrum: Spectrum, step: Step) -> Spectrum:
+    def between_spectrum(self, spectrum: Spectrum, step: LineTransform) -> Spectrum:
         """Frequencies after the hook `middle`, group by group."""
         for group, values in spectrum:
             positions = self._frequencies(group, step)
@@ -386,7 +386,7 @@ class _Line(WgslEmitter):
             for k in successive:
                 yield k, self.let(f"subgroupShuffle({own}, subgroup_start + lane / {u}u + {k % u * s // u}u)")
 
-    def store_points(self, points: Names, step: Step) -> None:
+    def store_points(self, points: Names, step: LineTransform) -> None:
         """Pass the points of a valid line to the hook `store` or `store_four`."""
         if self._fours:
             for first in sorted({k - k % 4 for k in self._needed_points(step)}):
@@ -394,7 +394,7 @@ class _Line(WgslEmitter):
             return
         self._store("is_valid_line", {self._point(k): points[k] for k in self._needed_points(step)})
 
-    def store_spectrum(self, spectrum: Spectrum, step: Step) -> None:
+    def store_spectrum(self, spectrum: Spectrum, step: LineTransform) -> None:
         """Pass the frequencies of a valid line to the hook `store` or `store_four`."""
         if self._fours:
             for first in range(0, self.groups, 4):
@@ -424,7 +424,7 @@ class _Line(WgslEmitter):
         """The position at which a lane accesses four registers, of which the first one is at `position`."""
         return position.replace("lane", "lane_point", 1)
 
-    def _needed_points(self, step: Step) -> tuple[int, ...]:
+    def _needed_points(self, step: LineTransform) -> tuple[int, ...]:
         """The registers with points that a step needs."""
         n, registers = self.n // step.repeats, self.registers // step.repeats
         return covered_digits(n, registers, step.points)
@@ -433,7 +433,7 @@ class _Line(WgslEmitter):
         """Position of the point in register k."""
         return self._position(f"lane + {self.lanes * k}u")
 
-    def _frequencies(self, group: int, step: Step) -> dict[int, str]:
+    def _frequencies(self, group: int, step: LineTransform) -> dict[int, str]:
         """Positions of the stored frequencies in the registers of a group, by digit."""
         lowest, offset = "lane", group * self.lanes
         if (group + 1) * self.lanes > self.registers:
@@ -462,7 +462,7 @@ class _Line(WgslEmitter):
         return out
 
 
-def _lanes_prologue(axis: str, n: int, lanes: int, steps: Sequence[Step]) -> str:
+def _lanes_prologue(axis: str, n: int, lanes: int, steps: Sequence[LineTransform]) -> str:
     """The beginning of the shader up to the line of a lane.
 
     Lanes beyond the last line repeat it without storing, since shuffles need all lanes to be active.
@@ -494,7 +494,7 @@ __all__ = [
     "Direction",
     "Hooks",
     "LineFft",
-    "Step",
+    "LineTransform",
     "Strategy",
     "can_transform_repeats",
     "spectrum_order",
@@ -564,7 +564,7 @@ class TransformShader:
 
 
 class LineFft:
-    """Transforms along `axis` with `steps` such as (Step("forward"), Step("inverse")).
+    """Transforms along `axis` with `steps` such as (LineTransform("forward"), LineTransform("inverse")).
 
     shape: (ny, nx), the length of the transform along `axis`, and the number of lines along the other axis.
     `shaders` run in this order. `work_bytes` is the size of the work buffer for one field, 0 if none is needed.
@@ -576,7 +576,7 @@ class LineFft:
         device: Device,
         axis: Axis,
         shape: tuple[int, int],
-        steps: Sequence[Step],
+        steps: Sequence[LineTransform],
         hooks: Hooks,
         strategy: Strategy = "passes",
     ) -> None:
@@ -692,7 +692,7 @@ def spectrum_order(device: Device, n: int, strategy: Strategy, band: Range | Non
 
 
 def can_transform_repeats(device: Device, n: int, repeats: int, strategy: Strategy) -> bool:
-    """Whether the strategy can transform lines of n points with `Step.repeats`."""
+    """Whether the strategy can transform lines of n points with `LineTransform.repeats`."""
     if n % repeats or repeats > device.largest_radix:
         return False
     lanes = lanes_per_line(n, subgroup_size(device)) if strategy == "subgroup" else None

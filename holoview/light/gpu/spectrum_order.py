@@ -146,7 +146,7 @@ Direction = Literal["forward", "inverse"]
 
 
 @dataclass(frozen=True)
-class Step:
+class LineTransform:
     """A transform of lines of n points.
 
     points: the points that may differ from 0 in a forward transform, or that an inverse one has to compute; None means

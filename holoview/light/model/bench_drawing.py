@@ -14,7 +14,7 @@ from holoview.light.model.bench_parts import Modulator, Relay
 from holoview.light.model.elements import Fourier, Lens, Pixels, Space
 from holoview.light.model.system import System
 from holoview.util import units
-from holoview.util.drawing import Box, Drawing, Label, Place, Stroke, text_width
+from holoview.util.drawing import Box, Drawing, DrawnLine, Label, Place, text_width
 
 _NAME, _DETAIL = 13.0, 11.0  # sizes of fonts, in points
 _LINE = 16.0  # from line to line of text
@@ -152,7 +152,7 @@ def draw_parts(parts: Sequence[Part], title: str) -> Drawing:
     axis = _MARGIN + _TOP + _HALF
     lines = max(len(part.details) for part in parts)
     height = axis + _HALF + _BELOW + _LINE * (lines + 1) + _MARGIN
-    strokes = [Stroke(((columns[0][1], axis), (columns[-1][1], axis)), "axis"), *_beam(parts, columns, axis)]
+    strokes = [DrawnLine(((columns[0][1], axis), (columns[-1][1], axis)), "axis"), *_beam(parts, columns, axis)]
     labels: list[Label] = []
     areas: list[tuple[str, Box]] = []
     for number, (part, (left, x, right)) in enumerate(zip(parts, columns, strict=True)):
@@ -211,7 +211,7 @@ def _spread(part: Part) -> float:
     return _WIDTHS["plane"] / 2
 
 
-def _beam(parts: Sequence[Part], columns: Sequence[tuple[float, float, float]], axis: float) -> list[Stroke]:
+def _beam(parts: Sequence[Part], columns: Sequence[tuple[float, float, float]], axis: float) -> list[DrawnLine]:
     """The light's edges: parallel, through the middle of each relay's stop, from the eyepiece to the pupil."""
     half, sign = 0.8 * _HALF, 1.0
     edge: list[Place] = []
@@ -227,57 +227,60 @@ def _beam(parts: Sequence[Part], columns: Sequence[tuple[float, float, float]], 
     upper = [(x, axis - y) for x, y in edge]
     lower = [(x, axis + y) for x, y in edge]
     return [
-        Stroke((*upper, *reversed(lower)), "light", is_filled=True),
-        Stroke(tuple(upper), "ray"),
-        Stroke(tuple(lower), "ray"),
+        DrawnLine((*upper, *reversed(lower)), "light", is_filled=True),
+        DrawnLine(tuple(upper), "ray"),
+        DrawnLine(tuple(lower), "ray"),
     ]
 
 
-def _symbol(part: Part, x: float, axis: float) -> list[Stroke]:
+def _symbol(part: Part, x: float, axis: float) -> list[DrawnLine]:
     """The strokes of a part on the axis at x."""
     upper, lower = axis - _HALF, axis + _HALF
     if part.kind == "laser":
         side, high = _WIDTHS["laser"] / 2, 0.9 * _HALF
         box = ((x - side, axis - high), (x + side, axis - high), (x + side, axis + high), (x - side, axis + high))
-        return [Stroke(box, "device", part.key, is_filled=True)]
+        return [DrawnLine(box, "device", part.key, is_filled=True)]
     if part.kind in ("modulator", "field"):
-        marks = [Stroke(((x - 4, y), (x + 4, y)), "device", part.key) for y in _between(upper, lower, 8)]
-        return [Stroke(((x, upper), (x, lower)), "device", part.key), *marks]
+        marks = [DrawnLine(((x - 4, y), (x + 4, y)), "device", part.key) for y in _between(upper, lower, 8)]
+        return [DrawnLine(((x, upper), (x, lower)), "device", part.key), *marks]
     if part.kind == "image":
-        return [Stroke(((x, upper), (x, lower)), "image", part.key)]
+        return [DrawnLine(((x, upper), (x, lower)), "image", part.key)]
     if part.kind == "relay":
         reach = _WIDTHS["relay"] / 2 - 6
         open_half = 0.25 * _HALF
-        stop = [Stroke(((x, upper), (x, axis - open_half)), "stop", part.key)]
-        stop += [Stroke(((x, axis + open_half), (x, lower)), "stop", part.key)]
+        stop = [DrawnLine(((x, upper), (x, axis - open_half)), "stop", part.key)]
+        stop += [DrawnLine(((x, axis + open_half), (x, lower)), "stop", part.key)]
         return [_lens(x - reach, axis, part.key), *stop, _lens(x + reach, axis, part.key)]
     if part.kind == "lens":
         return [_lens(x, axis, part.key)]
     if part.kind == "plane":
         count = min(len(part.distance_m), _MOST_PLANES)
         places = [x] if count == 1 else _between(x - _spread(part), x + _spread(part), count)
-        return [Stroke(((place, upper), (place, lower)), "plane", part.key) for place in places]
+        return [DrawnLine(((place, upper), (place, lower)), "plane", part.key) for place in places]
     radius, open_half = 0.55 * _HALF, 0.25 * _HALF
     centre = x + radius
     angles = [math.radians(degrees) for degrees in range(-150, 151, 10)]
     arc = tuple((centre - radius * math.cos(math.pi - a), axis + radius * math.sin(a)) for a in angles)
-    lids = [Stroke(((x, axis + s * open_half), (x, axis + s * radius)), "stop", part.key) for s in (-1, 1)]
-    return [Stroke(arc, "device", part.key), *lids]
+    lids = [DrawnLine(((x, axis + s * open_half), (x, axis + s * radius)), "stop", part.key) for s in (-1, 1)]
+    return [DrawnLine(arc, "device", part.key), *lids]
 
 
-def _lens(x: float, axis: float, key: str) -> Stroke:
+def _lens(x: float, axis: float, key: str) -> DrawnLine:
     """A lens: two arcs that meet above and below."""
     ys = _between(-_HALF, _HALF, 13)
     bulge = [6.0 * (1 - (y / _HALF) ** 2) for y in ys]
     right = [(x + b, axis + y) for y, b in zip(ys, bulge, strict=True)]
     left = [(x - b, axis + y) for y, b in zip(ys, bulge, strict=True)]
-    return Stroke((*right, *reversed(left)), "glass", key, is_filled=True)
+    return DrawnLine((*right, *reversed(left)), "glass", key, is_filled=True)
 
 
-def _dimension(left: float, right: float, y: float, key: str) -> list[Stroke]:
+def _dimension(left: float, right: float, y: float, key: str) -> list[DrawnLine]:
     """A line with arrows from one place to another."""
     arrows = [((x + s * _ARROW, y - _ARROW), (x, y), (x + s * _ARROW, y + _ARROW)) for x, s in ((left, 1), (right, -1))]
-    return [Stroke(((left, y), (right, y)), "distance", key), *(Stroke(arrow, "distance", key) for arrow in arrows)]
+    return [
+        DrawnLine(((left, y), (right, y)), "distance", key),
+        *(DrawnLine(arrow, "distance", key) for arrow in arrows),
+    ]
 
 
 def _between(first: float, last: float, count: int) -> list[float]:

@@ -14,7 +14,7 @@ from holoview.light.model.eye import field_degrees, sample_degrees
 from holoview.light.model.passband import band_limit
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
-from holoview.light.model.validity import Light, read_limits, wrap_around
+from holoview.light.model.validity import LightFigures, read_limits, wrap_around
 from holoview.util import units
 
 _COMPLEX64, _FLOAT32 = 8, 4
@@ -29,7 +29,7 @@ class InfoRow:
     text: str
 
 
-def info_rows(system: System, optimiser_bytes: int | None = None, light: Light | None = None) -> list[InfoRow]:
+def info_rows(system: System, optimiser_bytes: int | None = None, light: LightFigures | None = None) -> list[InfoRow]:
     """The quantities to check before trusting a simulation of a bench, sorted by heading.
 
     optimiser_bytes: memory that an optimisation takes, for a bench with modulators. light: that it shows, if known.
@@ -247,7 +247,7 @@ def format_wrap_around(plan: Plan) -> str:
     )
 
 
-def _limits(plan: Plan, light: Light | None) -> list[InfoRow]:
+def _limits(plan: Plan, light: LightFigures | None) -> list[InfoRow]:
     """The verdict of each limit of the model on a bench."""
     rows = []
     for reading in read_limits(plan, light):

@@ -1,6 +1,6 @@
 """When the model stops being true: limits of a bench's plan, each with what is measured, its threshold and its reason.
 
-`Limit` states the measure and its threshold, `Reading` the figure of a plan. `LIMITS` are all of them:
+`Limit` states the measure and its threshold, `LimitReading` the figure of a plan. `LIMITS` are all of them:
 limits of sampling (band limit, wrap-around, samples a pixel, stops and oblique light, single precision), of scalar
 diffraction, of broad lines and extended sources, of the eye's pupil, and of the light itself: how much of it is in the
 picture and, of a field, at the edge of its samples' band. docs/physics.md has the table of thresholds.
@@ -43,7 +43,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Light:
+class LightFigures:
     """Figures of the light that a plan shows, which its drive decides; None where they aren't known.
 
     in_picture: the share of the light that is in the picture of a plane, of the plane that has least.
@@ -64,7 +64,7 @@ class Limit:
     measure: its figure for a plan and its light; None where the limit doesn't apply.
     at_least, at_most: the threshold; one of them is given.
     refuses: whether nothing is left to see beyond the threshold, so that the plan isn't rendered.
-    is_of_light: whether it is measured of a plan and its `Light`.
+    is_of_light: whether it is measured of a plan and its `LightFigures`.
     """
 
     name: str
@@ -113,7 +113,7 @@ def _limit(
 
 
 @dataclass(frozen=True)
-class Reading:
+class LimitReading:
     """The verdict of a limit on a plan."""
 
     limit: Limit
@@ -647,7 +647,7 @@ _MOST_AT_EDGE = 0.05
     at_least=LEAST_IN_PICTURE,
     is_of_light=True,
 )
-def _light_in_picture(plan: Plan, light: Light) -> Measured | None:
+def _light_in_picture(plan: Plan, light: LightFigures) -> Measured | None:
     if light.in_picture is None:
         return None
     share = f"{100 * light.in_picture:.2g}%" if light.in_picture >= 1e-3 else "less than 0.1%"
@@ -670,7 +670,7 @@ def _light_in_picture(plan: Plan, light: Light) -> Measured | None:
     at_most=_MOST_AT_EDGE,
     is_of_light=True,
 )
-def _field_band(plan: Plan | None, light: Light) -> Measured | None:
+def _field_band(plan: Plan | None, light: LightFigures) -> Measured | None:
     if light.at_edge is None:
         return None
     return Measured(
@@ -685,22 +685,25 @@ def _field_band(plan: Plan | None, light: Light) -> Measured | None:
 # --- all limits -------------------------------------------------------------------------------------------------------
 
 
-def read_limits(plan: Plan, light: Light | None = None) -> tuple[Reading, ...]:
+def read_limits(plan: Plan, light: LightFigures | None = None) -> tuple[LimitReading, ...]:
     """The verdict of each limit that applies to a plan and its light, if that is known, in the order of `LIMITS`."""
     measured = (
-        (limit, limit.measure(plan, light or Light()) if limit.is_of_light else limit.measure(plan))
+        (limit, limit.measure(plan, light or LightFigures()) if limit.is_of_light else limit.measure(plan))
         for limit in LIMITS.values()
     )
-    return tuple(Reading(limit, found) for limit, found in measured if found is not None)
+    return tuple(LimitReading(limit, found) for limit, found in measured if found is not None)
 
 
 def band_note(at_edge: float | None) -> str:
     """The sentence of the limit "band of the field" on a share at the edge, of any field; empty within the limit."""
-    limit, found = LIMITS["band of the field"], None if at_edge is None else _field_band(None, Light(at_edge=at_edge))
-    return "" if found is None or limit.is_kept_by(found.value) else Reading(limit, found).text
+    limit, found = (
+        LIMITS["band of the field"],
+        None if at_edge is None else _field_band(None, LightFigures(at_edge=at_edge)),
+    )
+    return "" if found is None or limit.is_kept_by(found.value) else LimitReading(limit, found).text
 
 
-def exceeded_limits(plan: Plan, light: Light | None = None) -> tuple[str, ...]:
+def exceeded_limits(plan: Plan, light: LightFigures | None = None) -> tuple[str, ...]:
     """The limits beyond which the model isn't true of a plan and its light, each as a sentence."""
     return tuple(reading.text for reading in read_limits(plan, light) if reading.is_exceeded)
 

@@ -63,7 +63,7 @@ _BLOCK = 1 << 22  # frequencies of which H is computed at a time, so that its fl
 
 
 @dataclass(frozen=True)
-class Window:
+class SampleWindow:
     """A rectangle of samples in a plane across the axis, or turned out of it.
 
     shape: rows and columns. pitch_m: distance (y, x) between samples. centre_m: its centre (y, x) beside the axis.
@@ -167,7 +167,7 @@ class AngularSpectrum:
 
     @staticmethod
     def make(
-        shape: tuple[int, int], pitch_m: Pair, wavelength_m: float, distance_m: float, window: Window
+        shape: tuple[int, int], pitch_m: Pair, wavelength_m: float, distance_m: float, window: SampleWindow
     ) -> AngularSpectrum:
         """The propagation of a field of this shape and pitch (y, x)."""
         steepest = [wavelength_m / (2 * pitch) for pitch in pitch_m]
@@ -232,7 +232,7 @@ def _axis(
     pitch_m: Pair,
     wavelength_m: float,
     distance_m: float,
-    window: Window,
+    window: SampleWindow,
     axis: int,
     farthest_m: float,
 ) -> SpectrumAxis:
@@ -266,14 +266,19 @@ def _sideways(distance_m: float, sine: float, whole_sine: float) -> float:
 # --- Fresnel by one transform -----------------------------------------------------------------------------------------
 
 
-def first_order_window(shape: tuple[int, int], pitch_m: Pair, wavelength_m: float, distance_m: float) -> Window:
+def first_order_window(shape: tuple[int, int], pitch_m: Pair, wavelength_m: float, distance_m: float) -> SampleWindow:
     """The window that one FFT fills: as many samples as the field has, λ|z|/(N·pitch) apart."""
     y, x = (wavelength_m * abs(distance_m) / (n * pitch) for n, pitch in zip(shape, pitch_m, strict=True))
-    return Window(shape, (y, x))
+    return SampleWindow(shape, (y, x))
 
 
 def fresnel_propagate(
-    values: Tensor, pitch_m: Pair, wavelength_m: float, distance_m: float, window: Window, radius_m: float | None = None
+    values: Tensor,
+    pitch_m: Pair,
+    wavelength_m: float,
+    distance_m: float,
+    window: SampleWindow,
+    radius_m: float | None = None,
 ) -> Tensor:
     """The field in a window, (…, rows, columns), of a field (…, y, x) complex, by Fresnel's integral.
 
@@ -329,7 +334,9 @@ class _Frame:
         return self.lowest[axis] + self.step[axis] * torch.arange(self.count[axis], dtype=torch.float64)
 
 
-def tilted_propagate(values: Tensor, pitch_m: Pair, wavelength_m: float, distance_m: float, window: Window) -> Tensor:
+def tilted_propagate(
+    values: Tensor, pitch_m: Pair, wavelength_m: float, distance_m: float, window: SampleWindow
+) -> Tensor:
     """The field in a tilted window, (…, rows, columns), of a field (…, y, x) complex; differentiable.
 
     distance_m: z of the window's centre.
@@ -401,7 +408,7 @@ def _kernel_transform(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(_TAPS * np.sinh(root) / root)
 
 
-def _to_window(spectrum: Tensor, dim: int, frame: _Frame, axis: int, window: Window) -> Tensor:
+def _to_window(spectrum: Tensor, dim: int, frame: _Frame, axis: int, window: SampleWindow) -> Tensor:
     """Σ_k V_k·exp(2πi·g_k·X) at the samples X of the window."""
     count, pitch_m, step = window.shape[axis], window.pitch_m[axis], frame.step[axis]
     middle = frame.lowest[axis] + (frame.count[axis] - 1) / 2 * step
@@ -411,7 +418,9 @@ def _to_window(spectrum: Tensor, dim: int, frame: _Frame, axis: int, window: Win
     return torch.movedim(summed * carrier.to(spectrum.dtype), -1, dim)
 
 
-def _path(values: Tensor, pitch_m: Pair, wavelength_m: float, distance_m: float, window: Window) -> AngularSpectrum:
+def _path(
+    values: Tensor, pitch_m: Pair, wavelength_m: float, distance_m: float, window: SampleWindow
+) -> AngularSpectrum:
     """The propagation to the plane across the axis at the window's centre, into all that its light passes there."""
     axes = axes_of(window.tilt_rad)
     half = np.array(window.side_m[::-1]) / 2  # X, Y
@@ -429,11 +438,11 @@ def _path(values: Tensor, pitch_m: Pair, wavelength_m: float, distance_m: float,
     for axis in (0, 1):
         field, beside = shape[axis] * pitch_m[axis] / 2, abs(window.centre_m[axis])
         sides.append(2 * (farther * (across[1 - axis] + field + beside) - field - beside))
-    box = Window((1, 1), (sides[0], sides[1]), window.centre_m)
+    box = SampleWindow((1, 1), (sides[0], sides[1]), window.centre_m)
     return AngularSpectrum.make(shape, pitch_m, wavelength_m, distance_m, box)
 
 
-def _frame(path: AngularSpectrum, window: Window) -> _Frame:
+def _frame(path: AngularSpectrum, window: SampleWindow) -> _Frame:
     """The frequencies of the window's frame that hold the light of a path, so near that its copies miss the window."""
     axes, λ, z = axes_of(window.tilt_rad), path.wavelength_m, path.distance_m
     y, x = path.axes

@@ -34,7 +34,7 @@ from holoview.light.engine.light_share import luminance_share
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
-from holoview.light.model.validity import Light, exceeded_limits
+from holoview.light.model.validity import LightFigures, exceeded_limits
 from holoview.light.numerics.sampling import region_slices
 from holoview.util.errors import UserError
 from holoview.util.processes import LatestTask, are_same
@@ -507,4 +507,4 @@ def _notes(system: System, plane_m: float, picture: SeenPicture | None) -> tuple
     scene, xyz = picture
     share = luminance_share(make_plan(scene.system, [scene.plane_m]), scene.drive, xyz)
     at_edge = edge_power(scene.drive) if scene.plane_m else None  # at 0 nothing propagates
-    return exceeded_limits(plan, Light(share, scene.plane_m, at_edge))
+    return exceeded_limits(plan, LightFigures(share, scene.plane_m, at_edge))

@@ -19,7 +19,7 @@ from holoview.holograms.targets.light_field import LightField, is_light_field, r
 from holoview.holograms.targets.moving_pupil import StacksAt
 from holoview.holograms.targets.picture import Picture, read_picture, resize_to_cover
 from holoview.holograms.targets.target import Placement, scene_depth
-from holoview.holograms.targets.target_source import Scene, TargetContent
+from holoview.holograms.targets.target_source import ComputedScene, TargetContent
 from holoview.light.colour import SRGB_TO_XYZ
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -94,7 +94,7 @@ class TargetSpec:
         return opened.hologram.scene(self.placement.at_m or 0.0)
 
     def _content(self, system: System) -> TargetContent:
-        source: Picture | LightField | Path | Scene = self.source
+        source: Picture | LightField | Path | ComputedScene = self.source
         if self.is_field:
             source = self._field_scene()
         elif isinstance(source, Path) and not self.is_stack:

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.bench.experiment.bench_camera import Picture, PictureRequest
+from holoview.bench.experiment.bench_camera import PictureRequest, TakenPicture
 from holoview.bench.experiment.camera_problem import CameraProblem, camera_sampling
 from holoview.bench.experiment.rig_bench import on_rig, system_of_rig
 from holoview.bench.rig import RigDescription, read_rig
@@ -94,7 +94,7 @@ class ModelCamera:
         self._problem = CameraProblem(system, target_on(system), Settings(), rig)
         self._view = camera_sampling(rig, self._problem.model.plan.grid.shape, self._problem.sample_pitch_m, shift_m)
 
-    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[Picture]:
+    def record(self, levels: NDArray[np.uint16], shots: Sequence[PictureRequest]) -> list[TakenPicture]:
         self.recorded.append(levels)
         strokes = np.array([m.stroke_m for m in self._system.modulators])[:, None, None]
         seen = []
@@ -107,7 +107,7 @@ class ModelCamera:
     def rest(self) -> None:
         self.rested += 1
 
-    def _picture(self, seen: NDArray[np.float64], shot: PictureRequest, levels: NDArray[np.uint16]) -> Picture:
+    def _picture(self, seen: NDArray[np.float64], shot: PictureRequest, levels: NDArray[np.uint16]) -> TakenPicture:
         self.pictures += 1
         plane = int(np.argmin(np.abs(self._system.planes_m - shot.distance_m)))
         wavelengths = self._system.wavelengths_m
@@ -119,7 +119,7 @@ class ModelCamera:
             rng = np.random.default_rng([int(levels.sum()), laser])
             light = light + self._noise * rng.standard_normal(light.shape)
         capture = self._rig.blank_capture()
-        return Picture(light, np.zeros(light.shape, bool), capture)
+        return TakenPicture(light, np.zeros(light.shape, bool), capture)
 
 
 @dataclass

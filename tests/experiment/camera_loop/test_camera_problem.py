@@ -9,7 +9,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.bench.experiment.bench_camera import Picture, PictureRequest
+from holoview.bench.experiment.bench_camera import PictureRequest, TakenPicture
 from holoview.bench.experiment.camera_problem import (
     CameraCalibration,
     CameraProblem,
@@ -113,7 +113,7 @@ def test_at_a_wrong_bench_the_residual_is_that_of_the_bench(make_rig: MakeRig) -
     assert float(cosine) > float(of_model) and float(cosine) > 0.5
 
 
-def _saturated(pictures: list[Picture], value: float) -> list[Picture]:
+def _saturated(pictures: list[TakenPicture], value: float) -> list[TakenPicture]:
     """The pictures with a saturated square of this light."""
     changed = []
     for picture in pictures:
@@ -231,7 +231,7 @@ SEEN_SCALE = 3e4
 TWO = '["450 nm", "638 nm"]'
 
 
-def _probes(rig: RigDescription, **options: object) -> tuple[torch.Tensor, list[list[Picture]]]:
+def _probes(rig: RigDescription, **options: object) -> tuple[torch.Tensor, list[list[TakenPicture]]]:
     """The nominal prediction (wavelength, probe, y, x), and pictures of a bench; `bench`: its effects."""
     nominal = system_on(rig)
     bench = nominal.edit(options.pop("bench", {}))  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ from holoview.bench.experiment.capture_choice import (
     START_COUNT,
     BenchTime,
     CaptureChooser,
-    Choice,
+    NextCapture,
     Proposal,
     ProposalPrediction,
     Response,
@@ -163,7 +163,7 @@ def _belief(taken: Captures, *values: dict[str, dict[str, float]]) -> Belief:
     return Belief(tuple(known), p, 1.0, True, 1.0, context, comparison)
 
 
-def _choose(bench: BenchInProcess, belief: Belief, taken: Captures, proposals: list[Proposal]) -> Choice:
+def _choose(bench: BenchInProcess, belief: Belief, taken: Captures, proposals: list[Proposal]) -> NextCapture:
     chooser = CaptureChooser(belief, taken, bench.rig.limits, BenchTime(0.1, moved_m=1.0, moving_s=1e-3), 0.0)
     return chooser.choose(proposals)
 

@@ -13,7 +13,7 @@ import pytest
 from holoview.bench.captures import Captures, read_captures, write_captures
 from holoview.bench.captures.validation import check_settings
 from holoview.bench.rig import RigDescription
-from holoview.bench.rig.camera_pictures import DarkFrame, Settling
+from holoview.bench.rig.camera_pictures import DarkFrame, SettlingTime
 from holoview.bench.rig.capture_folder import BenchRecord, CaptureStore, read_bench_record
 from holoview.bench.rig.capture_plan import CapturePlan, default_plan
 from holoview.util.errors import UserError
@@ -168,7 +168,7 @@ RECORD = BenchRecord(
         DarkFrame(s, np.random.default_rng(k).random(CAMERA_SHAPE).astype(np.float32), 0.8 + k, 16)
         for k, s in enumerate((0.01, 0.3))
     ),
-    settling={"slm2": Settling(0.02, 1e-4, 0.14)},
+    settling={"slm2": SettlingTime(0.02, 1e-4, 0.14)},
     notes=("dark pictures have 70.90 counts", "µ"),
 )
 

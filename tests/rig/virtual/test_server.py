@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from holoview.bench.rig import RigDescription, open_rig, read_rig
 from holoview.bench.rig.devices import DeviceError, DeviceGone, Devices
-from holoview.bench.rig.virtual.client import Connection, Disconnected, Message, VirtualBenchProcess, ask, connect
+from holoview.bench.rig.virtual.client import Connection, Disconnected, Packet, VirtualBenchProcess, ask, connect
 from holoview.bench.rig.virtual.server import Drift, FaultInjector, FaultSettings, read_virtual_settings
 from holoview.util.errors import UserError
 from tests.child_process import child_process
@@ -121,7 +121,7 @@ def test_an_answer_that_ctrl_c_left_behind_isnt_taken_for_the_next(
 ) -> None:
     """Lasers would pass as switched off when it is their switching on that was confirmed."""
 
-    def interrupted(_: Connection) -> Message:
+    def interrupted(_: Connection) -> Packet:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
@@ -192,21 +192,21 @@ def test_a_message_arrives_as_it_was_sent(
 ) -> None:
     sender = Connection(ends[0])
     array = np.random.default_rng(0).integers(0, 256, shape).astype(kind)
-    sender.send(Message({"do": "show", "slm": 1, "name": "µ"}, array))
+    sender.send(Packet({"do": "show", "slm": 1, "name": "µ"}, array))
     received = ends[1].receive()
     assert received.table["slm"] == 1 and received.table["name"] == "µ"
     assert received.array is not None and received.array.dtype == kind and np.array_equal(received.array, array)
 
 
 def test_an_array_is_sent_in_little_endian_wherever_it_comes_from(ends: tuple[socket.socket, Connection]) -> None:
-    Connection(ends[0]).send(Message({}, np.array([[1, 258]], dtype=">u2")[:, ::-1]))
+    Connection(ends[0]).send(Packet({}, np.array([[1, 258]], dtype=">u2")[:, ::-1]))
     received = ends[1].receive().array
     assert received is not None and received.tolist() == [[258, 1]] and received.dtype == np.uint16
 
 
 def test_arrays_of_other_kinds_arent_sent(ends: tuple[socket.socket, Connection]) -> None:
     with pytest.raises(ValueError, match="float64"):
-        ends[1].send(Message({}, np.zeros(2)))
+        ends[1].send(Packet({}, np.zeros(2)))
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_nothing_can_be_sent_to_who_is_gone(ends: tuple[socket.socket, Connectio
     ends[0].close()
     with pytest.raises(Disconnected):
         for _ in range(3):
-            ends[1].send(Message({}, np.zeros((64, 64), np.uint8)))
+            ends[1].send(Packet({}, np.zeros((64, 64), np.uint8)))
 
 
 COUNT = 2000
@@ -269,19 +269,19 @@ def _answers(shares: dict[str, float], seed: int = 0) -> tuple[list[str], list[s
     """What became of pictures that are all different, one after the other: each holds its number in every row."""
     number, offs = 0, list[str]()
 
-    def answer(message: Message) -> Message:
+    def answer(message: Packet) -> Packet:
         nonlocal number
         if message.table["do"] == "wait":
-            return Message({})
+            return Packet({})
         number += 1
-        return Message({}, np.full((16, 4), number, np.uint16))
+        return Packet({}, np.full((16, 4), number, np.uint16))
 
     injector = FaultInjector(FaultSettings(seed, shares), lambda: offs.append("off"))
     seen: list[str] = []
     last = 0
     for _ in range(COUNT):
         try:
-            found = injector.answer(Message({"do": "take"}), answer)
+            found = injector.answer(Packet({"do": "take"}), answer)
         except Disconnected:
             seen.append("disconnect")
             continue

@@ -84,7 +84,9 @@ def open_micromanager(rig: RigDescription, spec: DeviceSpec, cores: MutableMappi
     doesn't have.
     """
     types, device_class = require_device(
-        rig, spec, {"camera": (_CAMERA, Camera), "lasers": (_LASERS, Lasers), "stage": (_STAGE, Stage)}
+        rig,
+        spec,
+        {"camera": (_CAMERA, MicroManagerCamera), "lasers": (_LASERS, Lasers), "stage": (_STAGE, MicroManagerStage)},
     )
     options = parse_options(rig, spec, types, required=("config", "labels" if spec.name == "lasers" else "label"))
     if spec.name == "lasers" and len(options["labels"]) != len(rig.wavelengths_m):
@@ -117,7 +119,7 @@ class _Device:
         return call_device(name, action, remedy, call)
 
 
-class Camera(_Device):
+class MicroManagerCamera(_Device):
     """A camera of Micro-Manager; Micro-Manager opens no shutter for it."""
 
     def __init__(self, rig: RigDescription, options: dict[str, Any], shared: SharedCore) -> None:
@@ -207,7 +209,7 @@ class Lasers(_Device):
         self._core.waitForDevice(label)
 
 
-class Stage(_Device):
+class MicroManagerStage(_Device):
     """A focus drive of Micro-Manager."""
 
     def __init__(self, rig: RigDescription, options: dict[str, Any], shared: SharedCore) -> None:

@@ -35,7 +35,7 @@ class Disconnected(Exception):
 
 
 @dataclass(frozen=True)
-class Message:
+class Packet:
     """A table, and an array of uint8 or uint16 or None."""
 
     table: dict[str, Any]
@@ -50,7 +50,7 @@ class Connection:
         self._stream = connected.makefile("rb")
         self._asked = 0
 
-    def send(self, message: Message) -> None:
+    def send(self, message: Packet) -> None:
         """Sends a message. Raises Disconnected."""
         table, array = dict(message.table), message.array
         data = b""
@@ -64,18 +64,18 @@ class Connection:
         except OSError as error:
             raise Disconnected(str(error)) from error
 
-    def receive(self) -> Message:
+    def receive(self) -> Packet:
         """Waits for the next message. Raises Disconnected, also after the socket's time-out."""
         try:
             line = self._stream.readline(_MAX_LINE)
             if not line.endswith(b"\n"):
                 raise Disconnected("closed" if not line else "too long a line")
             table = parse_json_table(line.decode("utf-8", "replace"), "message", _EXPECTED)
-            return Message(table, self._array(table) if "shape" in table else None)
+            return Packet(table, self._array(table) if "shape" in table else None)
         except (OSError, UserError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise Disconnected(str(error) or type(error).__name__) from error
 
-    def ask(self, message: Message) -> Message:
+    def ask(self, message: Packet) -> Packet:
         """Sends a message and waits for the answer to it, which has the same number. Raises Disconnected.
 
         An answer that is left over, because Ctrl-C ended an earlier call, isn't taken for this one's: lasers could pass
@@ -83,7 +83,7 @@ class Connection:
         """
         self._asked += 1
         number = self._asked
-        self.send(Message({**message.table, "number": number}, message.array))
+        self.send(Packet({**message.table, "number": number}, message.array))
         while (answer := self.receive()).table.get("number") != number:
             pass
         return answer
@@ -140,7 +140,7 @@ class VirtualBenchProcess:
         self.address, self.token = ("127.0.0.1", int(text)), token
         self._connection = connect(self.address, token)
 
-    def ask(self, table: dict[str, Any], array: Levels | None = None) -> Message:
+    def ask(self, table: dict[str, Any], array: Levels | None = None) -> Packet:
         """Sends a message and returns the answer. Raises DeviceError."""
         return ask(self._connection, table, array)
 
@@ -172,10 +172,10 @@ def connect(address: tuple[str, int], token: str) -> Connection:
     return connection
 
 
-def ask(connection: Connection, table: dict[str, Any], array: Levels | None = None) -> Message:
+def ask(connection: Connection, table: dict[str, Any], array: Levels | None = None) -> Packet:
     """Sends a message and returns the answer. Raises DeviceGone where the bench is gone, DeviceError if it refuses."""
     try:
-        answer = connection.ask(Message(table, array))
+        answer = connection.ask(Packet(table, array))
     except Disconnected as error:
         raise DeviceGone("virtual bench", f"is gone ({error})", remedy=_REMEDY) from error
     if "error" in answer.table:

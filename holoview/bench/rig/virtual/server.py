@@ -65,7 +65,7 @@ from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.virtual_measurement import Nuisances, jittered_effects, read_out
 from holoview.bench.rig.description import RigDescription, read_rig
 from holoview.bench.rig.devices import Counts, Levels
-from holoview.bench.rig.virtual.client import Connection, Disconnected, Message
+from holoview.bench.rig.virtual.client import Connection, Disconnected, Packet
 from holoview.bench.rig.virtual.signal_faults import SignalFaults
 from holoview.light.model.effects.registry import ActiveEffects, EffectTable, EffectValues
 from holoview.light.model.fields import Integer, Nested, Number, described_field, from_mapping, validate
@@ -413,21 +413,21 @@ class BenchServer:
     def __init__(self, bench: VirtualBench, faults: FaultInjector) -> None:
         self._bench, self._faults, self._lock = bench, faults, threading.Lock()
         self._idle_since = time.monotonic()
-        self._actions: dict[str, Callable[[Message], Message]] = {
+        self._actions: dict[str, Callable[[Packet], Packet]] = {
             "show": self._show,
-            "take": lambda _: Message({}, bench.take()),
-            "expose": lambda m: Message({"exposure": bench.expose(float(m.table["exposure"]))}),
+            "take": lambda _: Packet({}, bench.take()),
+            "expose": lambda m: Packet({"exposure": bench.expose(float(m.table["exposure"]))}),
             "laser": self._laser,
-            "move": lambda m: Message({"distance": bench.move_to(float(m.table["distance"]))}),
+            "move": lambda m: Packet({"distance": bench.move_to(float(m.table["distance"]))}),
             "wait": self._wait,
-            "time": lambda _: Message({"time": bench.time_s}),
+            "time": lambda _: Packet({"time": bench.time_s}),
         }
 
-    def answer(self, message: Message) -> Message:
+    def answer(self, message: Packet) -> Packet:
         """The answer to one message. Messages of several connections wait for each other, but lasers go off at once."""
         action = self._actions.get(str(message.table.get("do")))
         if action is None:
-            return Message({"error": "unknown message"})
+            return Packet({"error": "unknown message"})
         is_off = message.table.get("do") == "laser" and message.table.get("wavelength") is None
         try:
             if is_off:
@@ -435,11 +435,11 @@ class BenchServer:
             with self._lock:
                 return self._act(action, message)
         except UserError as error:
-            return Message({"error": str(error)})
+            return Packet({"error": str(error)})
         except (KeyError, TypeError, ValueError, IndexError) as error:
-            return Message({"error": f"not understood: {error}"})
+            return Packet({"error": f"not understood: {error}"})
 
-    def _act(self, action: Callable[[Message], Message], message: Message) -> Message:
+    def _act(self, action: Callable[[Packet], Packet], message: Packet) -> Packet:
         if message.table.get("live") is True:
             self._bench.wait(time.monotonic() - self._idle_since)
         try:
@@ -453,7 +453,7 @@ class BenchServer:
             request = connection.receive()
             if not hmac.compare_digest(str(request.table.get("token", "")).encode(), token.encode()):
                 return
-            connection.send(_numbered(Message({}), request))
+            connection.send(_numbered(Packet({}), request))
             while True:
                 request = connection.receive()
                 connection.send(_numbered(self._faults.answer(request, self.answer), request))
@@ -462,26 +462,26 @@ class BenchServer:
         finally:
             connection.close()
 
-    def _show(self, message: Message) -> Message:
+    def _show(self, message: Packet) -> Packet:
         if message.array is None:
             raise ValueError("no levels")
         self._bench.show(int(message.table["slm"]), message.array)
-        return Message({})
+        return Packet({})
 
-    def _laser(self, message: Message) -> Message:
+    def _laser(self, message: Packet) -> Packet:
         wavelength: Any = message.table.get("wavelength")
         if wavelength is None:
             self._bench.switch_off()
         else:
             self._bench.switch_on(float(wavelength), float(message.table["power"]))
-        return Message({})
+        return Packet({})
 
-    def _wait(self, message: Message) -> Message:
+    def _wait(self, message: Packet) -> Packet:
         self._bench.wait(float(message.table["seconds"]))
-        return Message({})
+        return Packet({})
 
 
-def _numbered(answer: Message, request: Message) -> Message:
+def _numbered(answer: Packet, request: Packet) -> Packet:
     """The answer with the number of its request, null if that has none."""
     return replace(answer, table={**answer.table, "number": request.table.get("number")})
 
@@ -494,7 +494,7 @@ class FaultInjector:
         self._chance = random.Random(settings.seed)
         self._before: Counts | None = None
 
-    def answer(self, message: Message, answer: Callable[[Message], Message]) -> Message:
+    def answer(self, message: Packet, answer: Callable[[Packet], Packet]) -> Packet:
         """The answer of `answer`, unless a fault happens. Raises Disconnected for one of the connection."""
         is_late = self._chance.random() < 0.5  # a fault comes before the request is carried out, or after it
         found = answer(message) if is_late else None
@@ -507,10 +507,10 @@ class FaultInjector:
             return found
         fault = next((name for name in PICTURE_FAULTS if self._happens(name)), None)
         if fault == "timeout":
-            answer(Message({"do": "wait", "seconds": _NO_PICTURE_S}))
-            return Message({"error": f"no picture within {_NO_PICTURE_S:g} s"})
+            answer(Packet({"do": "wait", "seconds": _NO_PICTURE_S}))
+            return Packet({"error": f"no picture within {_NO_PICTURE_S:g} s"})
         self._before = self._spoilt(found.array, fault)
-        return Message(found.table, self._before)
+        return Packet(found.table, self._before)
 
     def _happens(self, fault: str) -> bool:
         share = self._settings.shares.get(fault, 0.0)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from holoview.bench.rig.description import RigDescription, read_rig
 from holoview.bench.rig.devices import Counts, DeviceError, Levels
-from holoview.bench.rig.virtual.client import Message, VirtualBenchProcess, ask, connect
+from holoview.bench.rig.virtual.client import Packet, VirtualBenchProcess, ask, connect
 from holoview.util.errors import UserError
 from holoview.util.packages import import_optional
 
@@ -61,7 +61,7 @@ class VirtualBenchLink:
                 self._process.close()
             raise
 
-    def ask(self, table: dict[str, Any], array: Levels | None = None) -> Message:
+    def ask(self, table: dict[str, Any], array: Levels | None = None) -> Packet:
         """Sends a message and returns the answer."""
         return ask(self._connection, {**table, "live": self._live}, array)
 

@@ -30,7 +30,7 @@ from holoview.holograms.fields.interpret.candidates import (
     partner_of,
 )
 from holoview.holograms.fields.interpret.number_scale import TURN, full_scale, phase_levels, tell_bits
-from holoview.holograms.fields.interpret.properties import Findings, Known, known_wavelengths
+from holoview.holograms.fields.interpret.properties import FileFindings, Known, known_wavelengths
 from holoview.holograms.fields.interpret.strips import PlacedArray, check_finite
 from holoview.holograms.fields.wavefield import Origin
 from holoview.holograms.files.readers.contents import Contents
@@ -63,7 +63,7 @@ class Arrangement:
         return len(self.groups) * frames, len(self.groups[0]) * colours, rows, columns
 
 
-def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement:
+def arrange_files(files: Files, known: Known, findings: FileFindings) -> Arrangement:
     """The parts of a field or a recording in one or several files; how they were recognised goes to `findings`.
 
     Raises UserError for files that don't belong together.
@@ -90,7 +90,7 @@ def arrange_files(files: Files, known: Known, findings: Findings) -> Arrangement
 
 
 def _components(
-    files: Files, request: ReadRequest, findings: Findings
+    files: Files, request: ReadRequest, findings: FileFindings
 ) -> tuple[list[list[tuple[Component, ...]]], list[Candidate]]:
     """By frame and colour of separate files, the arrays that make a field."""
     path, contents = files[0]
@@ -195,7 +195,7 @@ def _check_sizes(placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files
         raise UserError(str(files[0][0]), f"its parts have different sizes: {words}", expected="parts of one size")
 
 
-def _only_colour(parts: Sequence[PlacedArray], known: Known, findings: Findings) -> int | None:
+def _only_colour(parts: Sequence[PlacedArray], known: Known, findings: FileFindings) -> int | None:
     """The channel that is taken of pictures in three colours: of grey pictures, and where one wavelength is known."""
     if any(p.axes.colour is None or p.sizes[1] != 3 or p.component.array.dtype.kind not in "iu" for p in parts):
         return None
@@ -221,7 +221,7 @@ def _axes_words(part: PlacedArray) -> str:
 
 
 def _recognise(
-    placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files, request: ReadRequest, findings: Findings
+    placed: Sequence[Sequence[Sequence[PlacedArray]]], files: Files, request: ReadRequest, findings: FileFindings
 ) -> tuple[bool, str]:
     """Whether it is a recording, and the quantity of single parts."""
     parts = placed[0][0]
@@ -271,7 +271,7 @@ def _role(part: PlacedArray, quantity: str) -> str:
 
 
 def _scaled(
-    part: PlacedArray, quantity: str, samples: dict[str, list[np.ndarray]], known: Known, findings: Findings
+    part: PlacedArray, quantity: str, samples: dict[str, list[np.ndarray]], known: Known, findings: FileFindings
 ) -> PlacedArray:
     """The part with its role and the scale of its numbers, which is one for all parts of a role.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.fields.interpret.properties import Findings
+from holoview.holograms.fields.interpret.properties import FileFindings
 from holoview.light.numerics.sample_bits import find_bits, find_clipping
 
 TURN = 2 * math.pi
@@ -45,7 +45,7 @@ def phase_levels(samples: Sequence[NDArray[Any]]) -> tuple[float, str]:
     return TURN, "radians"
 
 
-def tell_bits(samples: Sequence[NDArray[Any]], findings: Findings) -> None:
+def tell_bits(samples: Sequence[NDArray[Any]], findings: FileFindings) -> None:
     """States the bits of a camera's pictures of 16 bits, and at which number and how often they are clipped."""
     if samples[0].dtype == np.uint16:
         bits = find_bits(samples[0])

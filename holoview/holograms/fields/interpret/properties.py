@@ -45,7 +45,7 @@ class Guess:
 
 
 @dataclass
-class Findings:
+class FileFindings:
     """The findings about a file, in their order."""
 
     provenance: list[Provenance] = field(default_factory=list)
@@ -132,7 +132,7 @@ def known_wavelengths(known: Known) -> tuple[float, ...]:
     return next((guess.value for guess in stated(known, "wavelengths_m")), ())
 
 
-def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: Findings) -> tuple[float, ...]:
+def find_wavelengths(known: Known, colours: int, is_recording: bool, findings: FileFindings) -> tuple[float, ...]:
     """A wavelength for each colour, in vacuum, m; the origin or the question goes to `findings`."""
     for guess in stated(known, "wavelengths_m"):
         if len(guess.value) == colours:
@@ -157,7 +157,7 @@ def _usual_lasers(colours: int, is_recording: bool) -> tuple[tuple[float, ...], 
     return (532e-9,) * colours, "the most usual laser of holograms"
 
 
-def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[float, float]:
+def find_pitch(known: Known, is_recording: bool, findings: FileFindings) -> tuple[float, float]:
     """The pitch (y, x) in m; the origin or the question goes to `findings`."""
     for guess in stated(known, "pitch_m"):
         pitch = guess.value[0], guess.value[1] if len(guess.value) > 1 else guess.value[0]
@@ -174,7 +174,7 @@ def find_pitch(known: Known, is_recording: bool, findings: Findings) -> tuple[fl
     return value, value
 
 
-def find_distance(known: Known, findings: Findings) -> float:
+def find_distance(known: Known, findings: FileFindings) -> float:
     """The distance in m, 0 if nothing states it; contradictions go to the notes."""
     sources = list(stated(known, "distance_m"))
     if not sources:
@@ -190,7 +190,7 @@ def find_distance(known: Known, findings: Findings) -> float:
     return first.value[0]
 
 
-def find_radius(known: Known, findings: Findings) -> float | None:
+def find_radius(known: Known, findings: FileFindings) -> float | None:
     """The radius of the reference wave in m, None for a plane wave."""
     sources: tuple[tuple[float | None, Origin, str], ...] = (
         (known.request.reference_radius_m, known.origin("reference_radius_m"), "as given or remembered"),

@@ -9,7 +9,7 @@ from functools import partial
 from imgui_bundle import imgui
 
 from holoview.light.model.bench_drawing import draw_bench
-from holoview.util.drawing import Drawing, Stroke, colour_of, line_width
+from holoview.util.drawing import Drawing, DrawnLine, colour_of, line_width
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.widgets import FINE, show_tooltip
@@ -99,7 +99,7 @@ def _paint(drawing: Drawing, corner: imgui.ImVec2, scale: float) -> None:
         canvas.add_text(font, size, at, _colour(colour_of(label.role)), label.text)
 
 
-def _fill(canvas: imgui.ImDrawList, stroke: Stroke, points: list[imgui.ImVec2]) -> None:
+def _fill(canvas: imgui.ImDrawList, stroke: DrawnLine, points: list[imgui.ImVec2]) -> None:
     """Fills an area that lies between a line and the same number of points on its way back."""
     colour, count = _colour(colour_of(stroke.role)), len(points)
     for n in range(count // 2 - 1):
