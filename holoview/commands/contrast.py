@@ -109,6 +109,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
     add_edge(parser)
     add_target(parser)
+    parser.add_argument("--align", action="store_true", help="move the target by whole samples to where it fits best")
     add_meter(parser)
     _add_camera(parser)
     add_output(
@@ -303,7 +304,7 @@ def _measured_hologram(
         raise UserError("--pupils", f"with --meter {meter.name}", expected="one of them")
     rows, columns = (n * shown.hologram.system.sampling.upsample for n in shown.hologram.system.modulators[0].shape)
     chosen = region or central_region((rows, columns))
-    measured = measure_hologram(shown.hologram, shown.plane_m, chosen, target, meter)
+    measured = measure_hologram(shown.hologram, shown.plane_m, chosen, target, meter, is_aligned=args.align)
     system = shown.hologram.system
     place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")
     notes = measured.reading.notes if meter.name else ()
@@ -316,7 +317,8 @@ def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measu
     require_picture_of_camera(path, args.jpeg)
     image = picture_luminance(path, is_linear=args.linear)
     chosen = region or central_region(image.luminance.shape)
-    found = measure_speckle(image.luminance, chosen, _picture_target(args, image.luminance.shape))
+    target = _picture_target(args, image.luminance.shape)
+    found = measure_speckle(image.luminance, chosen, target, is_aligned=args.align)
     own = image.clipped_share, image.clipped_at, image.notes
     return _Measured(image.description, found, *own)
 
@@ -362,7 +364,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
         check_saturation(photo, chosen, statements)
     )}  # fmt: skip
     target = _picture_target(args, light.shape)
-    found = measure_speckle(light, chosen, target, lasers, noise)
+    found = measure_speckle(light, chosen, target, lasers, noise, is_aligned=args.align)
     share = float(whole.saturated[region_slices(chosen)].mean())
     if statements.saturation == "undo" and share > MOST_SATURATED and whole.level is not None:
         found = replace(found, luminance=censored_estimate(found.pattern, whole.level))

@@ -37,6 +37,7 @@ from holoview.holograms.metrics.speckle_measurement import (
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import View, simulate
 from holoview.light.model.eye import Eye, Prescription, sample_degrees
+from holoview.light.model.focus import focused_planes, plane_label
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
@@ -135,20 +136,28 @@ class MeasuredHologram:
 
 
 def measure_hologram(
-    hologram: Hologram, plane_m: float, region: Region, target: TargetSource | None = None, meter: Meter = NO_METER
+    hologram: Hologram,
+    plane_m: float,
+    region: Region,
+    target: TargetSource | None = None,
+    meter: Meter = NO_METER,
+    *,
+    is_aligned: bool = False,
 ) -> MeasuredHologram:
     """Measures the speckle of a hologram at a plane.
 
-    region: (x, y, width, height) in samples of the image. target: whose structure is divided out.
+    region: (x, y, width, height) in samples of the image. target: whose structure is divided out. is_aligned: moves it
+    to where it fits, by whole samples.
     Raises UserError as `simulate` and `measure_speckle` do, and for a target of the wrong size.
     """
     system = meter.bench(hologram.system)
     view = simulate(system, hologram.drive, [plane_m], backend="torch")
     plan = make_plan(system, [plane_m])
-    known = None if target is None else _target_at(target, system, plane_m)
+    known, others = (None, {}) if target is None else _target_at(target, system, plane_m)
     lasers = laser_images(view, plan)
     if meter.camera is not None:
-        return _by_camera(Hologram(hologram.drive, system), view, lasers, known, region, meter.camera)
+        shown = Hologram(hologram.drive, system)
+        return _by_camera(shown, view, lasers, known, region, meter.camera, is_aligned=is_aligned)
     luminance: NDArray[np.floating] = view.xyz[0, ..., 1]
     if meter.name == "eye":
         degrees = _degrees(system)
@@ -156,14 +165,20 @@ def measure_hologram(
         lasers = replace(lasers, intensity=np.stack([seen_by_cones(part, degrees) for part in lasers.intensity]))
         if known is not None:
             known = np.stack([seen_by_cones(channel, degrees) for channel in np.moveaxis(known, -1, 0)], axis=-1)
-    found = measure_speckle(luminance, region, known, lasers)
+    found = measure_speckle(luminance, region, known, lasers, others=others, is_aligned=is_aligned)
     shown = Hologram(hologram.drive, system)
     return MeasuredHologram(shown, view, found, _reading(system, meter), known)
 
 
-def _target_at(target: TargetSource, system: System, plane_m: float) -> NDArray[np.floating]:
-    """The picture (y, x, 3) of a target at a plane. Raises UserError for a focal stack that has none there."""
-    built = target.build(None if target.is_stack else np.array([plane_m]), system=system)
+def _target_at(
+    target: TargetSource, system: System, plane_m: float
+) -> tuple[NDArray[np.floating], dict[str, NDArray[np.floating]]]:
+    """The picture (y, x, 3) of a target at a plane, and those at others by their names.
+
+    Raises UserError for a focal stack that has none there.
+    """
+    wanted = np.unique([plane_m, *focused_planes(system)])
+    built = target.build(None if target.is_stack else wanted, system=system)
     planes_m = np.asarray(built.planes_m)
     nearest = int(np.argmin(np.abs(planes_m - plane_m)))
     if abs(planes_m[nearest] - plane_m) > _SAME_PLANE_M:
@@ -173,7 +188,8 @@ def _target_at(target: TargetSource, system: System, plane_m: float) -> NDArray[
             expected=f"one of its planes, {', '.join(f'{z * 1e3:.4g}' for z in planes_m)} mm",
             remedy="choose one by --plane; a picture that is out of focus there is another one",
         )
-    return built.stack[nearest]
+    rest = {k: of for k, of in enumerate(built.stack) if abs(planes_m[k] - planes_m[nearest]) > _SAME_PLANE_M}
+    return built.stack[nearest], {f"at {plane_label(system, float(planes_m[k]))}": of for k, of in rest.items()}
 
 
 def laser_images(view: View, plan: Plan) -> LaserImages:
@@ -248,6 +264,8 @@ def _by_camera(
     target: NDArray[np.floating] | None,
     region: Region,
     lens: CameraLens,
+    *,
+    is_aligned: bool,
 ) -> MeasuredHologram:
     """The counts of a monochrome camera, of all lasers and of each at the same exposure, without their noise."""
     system = hologram.system
@@ -273,7 +291,7 @@ def _by_camera(
     )
     own = replace(lasers, colours=None, intensity=pictures[1:], noise=noise)
     whole = (0, 0, total.shape[1], total.shape[0])
-    found = measure_speckle(pictures[0], whole, known, own, noise)
+    found = measure_speckle(pictures[0], whole, known, own, noise, is_aligned=is_aligned)
     reading = _camera_reading(system, lens, camera, float((counts[0] >= camera.saturation).mean()), pictures[0])
     return MeasuredHologram(hologram, view, found, reading, known)
 

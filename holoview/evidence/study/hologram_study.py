@@ -250,7 +250,7 @@ class HologramStudy(Study):
 
     quick_note = f"{QUICK_SIZE}."
     kind = "hologram"
-    revision = 4
+    revision = 5
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         return run_hologram_job(settings, status)

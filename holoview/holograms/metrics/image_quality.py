@@ -27,9 +27,9 @@ from holoview.holograms.files.image_reader import Raster, read_raster
 from holoview.holograms.files.light_file import is_light_file, read_light
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
-from holoview.holograms.metrics.likeness import luminance_contrast
+from holoview.holograms.metrics.likeness import contrasts_of_planes, resolved_contrast
 from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
-from holoview.holograms.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve, speckle_contrast
+from holoview.holograms.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve
 from holoview.holograms.optimise.eyes import PupilPlaces
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
@@ -127,7 +127,7 @@ class ImageQuality:
 
     psnr: of linear sRGB (dB). psnr_luminance: of luminance (dB). delta_e: mean CIEDE2000. ms_ssim: multi-scale
     structural similarity of encoded sRGB; None for images with fewer than 11 rows or columns. speckle: of each plane,
-    with the target's structure divided out.
+    with the target's structure divided out at the resolution that the plane shows.
     """
 
     psnr: Psnr
@@ -155,7 +155,7 @@ def measure_image_quality(view: View, stack: NDArray[np.floating], region: Regio
         delta_e=delta_e_linear_srgb(np.clip(view.rgb, 0, 1), np.clip(stack, 0, 1)),
         ms_ssim=ms_ssim(view.rgb, stack) if scale_count(stack.shape[1:3]) else None,
         speckle=tuple(
-            speckle_contrast(xyz[..., 1], region=speckle_region, target=target[..., 1])
+            resolved_contrast(xyz[..., 1], speckle_region, target[..., 1])
             for xyz, target in zip(view.xyz, target_xyz, strict=True)
         ),
     )
@@ -279,7 +279,7 @@ def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:
 def _contrast_of_planes(view: View, target: Floats) -> tuple[float | None, str | None]:
     """The mean over planes of the contrast that `contrast --target` states and None, or None and why it is withheld."""
     region = _speckle_region(target) or central_region(target.shape[1:3])
-    found = [luminance_contrast(xyz[..., 1], region, own) for xyz, own in zip(view.xyz, target, strict=True)]
+    found = contrasts_of_planes(view.xyz[..., 1], region, target)
     if withheld := next((of.withheld for of in found if of.withheld), None):
         return None, withheld
     return float(np.mean([of.estimate.contrast for of in found])), None

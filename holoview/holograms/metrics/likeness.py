@@ -39,6 +39,15 @@ A contrast is withheld where, by two standard errors,
 or where I/(g·M) has a larger contrast than I by more than 5 %: of I = g·M·s division leaves C of C² + C_M²·(1 + C²).
 What isn't found of a wrong target adds to C: the contrast that is stated is then too high.
 
+**Other targets.** First of all, targets that are mistaken for one another are tried in the place of T: T displaced by
+up to 32 samples (the peak of the cross-correlation of ln I with ln T, and from there and from none to the least
+contrast), mirrored, upside down, turned, with the tone curve of a signal taken off or put on, and those of other planes
+that a caller has. With M' of the other target, the share of the structure of M'/M that I/M has is 0 where M is what is
+shown and 1 where M' is. The other one is better where this share is above a half by two standard errors, in what four
+blocks hold or more, and the reverse, that of M/M' in I/M', isn't. That is said, and the contrast is withheld where C is
+a tenth above what the other one leaves. A hologram of few pixels or iterations shows at its first and last planes what
+is between them, so that another plane's target fits better by up to a fifth: there the limit is this, and 10 % r.m.s.
+
 A target with hardly any structure decides nothing, and changes nothing: division by a T that isn't shown raises C by
 about C_T²/2C, which exceeds the standard error of C, C/√(2n) of n grains, only where b is known to C/(C_T·√n) =
 (2n)^(−1/4). What is left is judged where C_T² is a tenth of C² or more.
@@ -46,8 +55,11 @@ about C_T²/2C, which exceeds the standard error of C, C/√(2n) of n grains, on
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +72,7 @@ from holoview.holograms.metrics.speckle import (
     speckle_pattern,
     target_luminance,
 )
-from holoview.light.numerics.sampling import Region, region_slices
+from holoview.light.numerics.sampling import Region
 
 LEAST_SHARE = 0.5
 """Share of a target's structure below which, by two standard errors, a picture doesn't show it."""
@@ -79,6 +91,12 @@ _MOST_ADDED, _MOST_OF_SPECKLE = 1.05, 1.1  # of the contrast by division; a cont
 _MOST_UNEVEN = 0.1  # r.m.s. of the brightness
 _OUTLIER, _MAD = 5.0, 1.4826  # standard deviations of a block; a normal law's over the median deviation
 _REACH = 4.0  # standard deviations of a blur
+_FARTHEST = 32  # samples, or a quarter of a region, by which a target is looked for
+_FLOOR = 0.05  # of the mean: darker samples tell no displacement
+_LEAST_BLOCKS = 4.0  # that tell a better target
+_MOST_ABOVE, _MOST_ABOVE_PLANES = 1.1, 1.2  # of a contrast over what a better target leaves, or one of another plane
+_MOST_STEPS = 8  # to the displacement that fits best
+_SIGNAL = 2.2  # power of a display
 
 
 @dataclass(frozen=True)
@@ -116,6 +134,34 @@ class StructureLeft:
         return [(share, what) for share, most, what in limits if share.at_least > most]
 
 
+@dataclass(frozen=True)
+class BetterTarget:
+    """Another target that a picture fits clearly better than the one it is measured beside.
+
+    what: the other one, in words that go on "the target". contrast, given: that are left by it and by the given one,
+    over the samples that both light. displacement_px: (y, x) of the given one; 0 of others. is_other_plane: whether it
+    belongs to another plane.
+    """
+
+    what: str
+    contrast: float
+    given: float
+    displacement_px: tuple[int, int] = (0, 0)
+    is_other_plane: bool = False
+
+    @property
+    def decides(self) -> bool:
+        """Whether the contrast beside the given target is too far off to be stated."""
+        if not self.is_other_plane:
+            return self.given > _MOST_ABOVE * self.contrast
+        return self.given > max(_MOST_ABOVE_PLANES * self.contrast, math.hypot(self.contrast, _MOST_UNEVEN))
+
+    @property
+    def text(self) -> str:
+        """What fits better, and by how much."""
+        return f"{self.what} it leaves a contrast of {self.contrast:.3f}, as it is {self.given:.3f}"
+
+
 @dataclass(frozen=True, eq=False)
 class LuminanceContrast:
     """The speckle contrast of a region's luminance.
@@ -123,7 +169,8 @@ class LuminanceContrast:
     estimate: of `pattern`, without the structure of a target where `has_target`. raw: with the structure of the
     picture. withheld: why the contrast isn't to be stated, "" where it is; `estimate` is then the raw one.
     likeness: to the target; None without one. blur_px: standard deviation of the target's blur in the picture.
-    left: of the structure; None where there is no target, or hardly any structure in it.
+    left: of the structure; None where there is no target, or hardly any structure in it. better: another target that
+    fits better; None where none was found. displacement_px: (y, x) by which the target was moved, as `is_aligned` asks.
     """
 
     estimate: ContrastEstimate
@@ -134,6 +181,8 @@ class LuminanceContrast:
     likeness: Likeness | None = None
     blur_px: float = 0.0
     left: StructureLeft | None = None
+    better: BetterTarget | None = None
+    displacement_px: tuple[int, int] = (0, 0)
 
 
 def luminance_contrast(
@@ -141,28 +190,53 @@ def luminance_contrast(
     region: Region,
     target: NDArray[np.floating] | None = None,
     noise: PixelNoise | SumNoise | None = None,
+    others: Mapping[str, NDArray[np.floating]] | None = None,
+    *,
+    is_aligned: bool = False,
 ) -> LuminanceContrast:
     """The contrast of a region of a luminance (y, x), as viewer, page, `contrast` and `report` state it.
 
     target: (y, x, 3) in linear sRGB, whose structure is divided out unless it is black in the region. noise: of a
-    camera's pixels in the luminance, which is taken off. Raises UserError as `speckle_contrast` does.
+    camera's pixels in the luminance, which is taken off. others: targets like it that may be shown in its place, by
+    what they are in words. is_aligned: moves the target to where it fits, by whole samples.
+    Raises UserError as `speckle_contrast` does.
     """
-    noise = noise.within(region) if isinstance(noise, SumNoise) else noise
+    own_noise = noise.within(region) if isinstance(noise, SumNoise) else noise
     plain = speckle_pattern(luminance, region)
     known = None if target is None else target_luminance(target, region)
-    if known is None:
-        return LuminanceContrast(contrast_estimate(plain, noise), plain, plain.contrast, False)
+    if target is None or known is None:
+        return LuminanceContrast(contrast_estimate(plain, own_noise), plain, plain.contrast, False)
     if known.shape != luminance.shape:
         speckle_pattern(luminance, region, known)  # which says so
     blur_px, shown = _resolved(plain.values, known, region)
     pattern = speckle_pattern(plain.values, None, shown)
-    estimate, raw, alike = contrast_estimate(pattern, noise), plain.contrast, likeness(plain.values, shown)
+    estimate, raw, alike = contrast_estimate(pattern, own_noise), plain.contrast, likeness(plain.values, shown)
     has_structure = float(shown.std() / shown.mean()) ** 2 >= _LEAST_STRUCTURE * pattern.contrast.contrast**2
     left = structure_left(pattern, shown) if has_structure else None
-    if reason := _why_withheld(alike, left, pattern, raw.contrast):
-        own = contrast_estimate(plain, noise)
-        return LuminanceContrast(own, plain, raw, False, reason, alike, blur_px, left)
-    return LuminanceContrast(estimate, pattern, raw, True, "", alike, blur_px, left)
+    better = _better_target(plain.values, known, region, shown, others or {})
+    if is_aligned and better is not None and any(better.displacement_px):
+        moved = displaced(target, better.displacement_px)
+        found = luminance_contrast(luminance, region, moved, noise, others)
+        return replace(found, displacement_px=better.displacement_px)
+    reason = _why_withheld(alike, left, pattern, raw.contrast)
+    if better is not None and better.decides:
+        reason = f"the target isn't what is shown here: {better.text}"
+    if reason:
+        own = contrast_estimate(plain, own_noise)
+        return LuminanceContrast(own, plain, raw, False, reason, alike, blur_px, left, better)
+    return LuminanceContrast(estimate, pattern, raw, True, "", alike, blur_px, left, better)
+
+
+def contrasts_of_planes(
+    luminance: NDArray[np.floating], region: Region, stack: NDArray[np.floating]
+) -> list[LuminanceContrast]:
+    """The contrast of a region of each luminance (plane, y, x) beside its target (plane, y, x, 3), the others known."""
+    named = {f"at plane {k + 1} of {len(stack)}": picture for k, picture in enumerate(stack)}
+    found = []
+    for image, (own, target) in zip(luminance, named.items(), strict=True):
+        others = {name: picture for name, picture in named.items() if name != own}
+        found.append(luminance_contrast(image, region, target, others=others))
+    return found
 
 
 def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpecklePattern, raw: float) -> str:
@@ -194,18 +268,34 @@ def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpeckleP
 # --- the resolution ---------------------------------------------------------------------------------------------------
 
 
+def resolved_contrast(luminance: NDArray[np.floating], region: Region, target: NDArray[np.floating]) -> SpeckleContrast:
+    """The contrast of a region of a luminance (y, x) beside its target (y, x), at the resolution that it shows.
+
+    That of `luminance_contrast`, without its verdict: whatever is shown. Raises UserError as `speckle_contrast` does.
+    """
+    values, wanted = speckle_pattern(luminance, region).values, np.asarray(target, dtype=np.float64)
+    if wanted.shape != luminance.shape:
+        return speckle_pattern(luminance, region, wanted).contrast  # which says so
+    return speckle_pattern(values, None, _resolved(values, wanted, region)[1]).contrast
+
+
 def shown_target(target: NDArray[np.floating], region: Region, blur_px: float) -> Floats:
     """A region (y, x, 3) of a target (y, x, 3), blurred as a picture shows it; none of it negative."""
-    around, inside = _with_margin(region, target.shape[:2], blur_px)
-    return _blurred(np.clip(np.asarray(target[around], dtype=np.float64), 0.0, None), blur_px)[inside]
+    around = _around(np.asarray(target, dtype=np.float64), region, _radius(blur_px))
+    return _blurred(np.clip(around, 0.0, None), blur_px)
+
+
+def displaced(target: NDArray[Any], by_px: tuple[int, int]) -> NDArray[Any]:
+    """A target (y, x, …), displaced by whole samples (y, x); its border goes on beyond it."""
+    rows, columns = target.shape[:2]
+    return _around(target, (-by_px[1], -by_px[0], columns, rows), 0)
 
 
 def _resolved(values: Floats, target: Floats, region: Region) -> tuple[float, Floats]:
     """The blur by which a region's values (y, x) show a target (y, x) of the image, and the region of it, blurred."""
     best: tuple[float, float, Floats] | None = None
     for width in WIDTHS:
-        around, inside = _with_margin(region, target.shape, width)
-        shown = _blurred(target[around], width)[inside]
+        shown = _blurred(_around(target, region, _radius(width)), width)
         left = _left_by_slope(values, shown)
         if best is not None and left >= best[0]:
             break
@@ -223,33 +313,28 @@ def _left_by_slope(values: Floats, shown: Floats) -> float:
     return 1.0 - float((x * y).sum()) ** 2 / squares if squares > 0 else 1.0
 
 
-def _with_margin(
-    region: Region, shape: tuple[int, ...], blur_px: float
-) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """The part of an image that a blur brings into a region, and the region in that part."""
-    margin, window = _radius(blur_px), region_slices(region)
-    firsts = [max(of.start - margin, 0) for of in window]
-    around = [slice(first, min(of.stop + margin, n)) for first, of, n in zip(firsts, window, shape, strict=False)]
-    inside = [slice(of.start - first, of.stop - first) for first, of in zip(firsts, window, strict=True)]
-    return (around[0], around[1]), (inside[0], inside[1])
+def _around(target: NDArray[Any], region: Region, margin: int) -> NDArray[Any]:
+    """A region of a target (y, x, …) with a margin around it; the border of the target goes on beyond it."""
+    x, y, width, height = region
+    spans = (np.arange(first - margin, first + n + margin) for first, n in ((y, height), (x, width)))
+    return target[np.ix_(*(np.clip(span, 0, n - 1) for span, n in zip(spans, target.shape[:2], strict=True)))]
 
 
 def _radius(blur_px: float) -> int:
     return int(_REACH * blur_px + 0.5)
 
 
-def _blurred(image: Floats, blur_px: float) -> Floats:
-    """An image (y, x, …) behind a Gaussian of a standard deviation in samples; its border goes on beyond it."""
+def _blurred(around: Floats, blur_px: float) -> Floats:
+    """An image (y, x, …) behind a Gaussian of a standard deviation in samples, without the margin that it reaches."""
     if blur_px == 0:
-        return image
+        return around
     radius = _radius(blur_px)
     kernel = np.exp(-0.5 * np.square(np.arange(-radius, radius + 1) / blur_px))
     kernel /= kernel.sum()
     for axis in (0, 1):
-        edges = [(radius, radius) if a == axis else (0, 0) for a in range(image.ndim)]
-        padded, n = np.pad(image, edges, mode="edge"), image.shape[axis]
-        image = sum(weight * np.take(padded, np.arange(k, k + n), axis=axis) for k, weight in enumerate(kernel))
-    return image
+        n = around.shape[axis] - 2 * radius
+        around = sum(weight * np.take(around, np.arange(k, k + n), axis=axis) for k, weight in enumerate(kernel))
+    return around
 
 
 # --- what is shown, and what is left ----------------------------------------------------------------------------------
@@ -309,6 +394,100 @@ def _places(rest: Floats, usable: NDArray[np.bool_]) -> Likeness:
     whole = max(float(np.square(rest).sum()), np.finfo(float).tiny)
     share = float((np.square(beyond) - spread**2).sum()) / whole
     return Likeness(share, 2 * spread * float(np.linalg.norm(beyond)) / whole)
+
+
+# --- other targets ----------------------------------------------------------------------------------------------------
+
+
+def _better_target(
+    values: Floats, target: Floats, region: Region, shown: Floats, others: Mapping[str, NDArray[np.floating]]
+) -> BetterTarget | None:
+    """The target that fits a region's values (y, x) best, if clearly better than the given one, which `shown` is of.
+
+    target: (y, x), luminance of the image. others: (y, x, 3), by what they are.
+    """
+    by_px, fits = _displacement(values, target, region), list[BetterTarget]()
+    moved = {} if by_px == (0, 0) else {_displacement_in_words(by_px): np.asarray(displaced(target, by_px))}
+    light, known = np.clip(target, 0.0, None), {name: target_luminance(of, region) for name, of in others.items()}
+    rivals: dict[str, NDArray[Any]] = {
+        **moved,
+        "mirrored": target[:, ::-1],
+        "upside down": target[::-1],
+        "turned by 180°": target[::-1, ::-1],
+        "read as a signal, not as light,": light**_SIGNAL,
+        "read as light, not as a signal,": light ** (1 / _SIGNAL),
+        **{name: of for name, of in known.items() if of is not None},
+    }
+    for what, rival in rivals.items():
+        _, fitted = _resolved(values, np.asarray(rival, dtype=np.float64), region)
+        if (contrasts := _contrasts_if_better(values, shown, fitted)) is not None:
+            fits.append(BetterTarget(what, *contrasts, by_px if what in moved else (0, 0), what in known))
+    return min(fits, key=lambda of: of.contrast / of.given, default=None)
+
+
+def _displacement_in_words(by_px: tuple[int, int]) -> str:
+    sides = (("down", "up"), ("to the right", "to the left"))
+    parts = [f"{abs(by)} px {names[by < 0]}" for by, names in zip(by_px, sides, strict=True) if by]
+    return f"displaced by {' and '.join(reversed(parts))}"
+
+
+def _displacement(values: Floats, target: Floats, region: Region) -> tuple[int, int]:
+    """Samples (y, x) by which a target (y, x) of the image fits a region's values (y, x) best when it is displaced."""
+    reach = min(_FARTHEST, *(n // 4 for n in values.shape))
+    if reach == 0:
+        return 0, 0
+    around, n = _around(target, region, reach), values.size
+    logarithms = (np.log(np.maximum(of, _FLOOR * of.mean())) for of in (values, around))
+    y, x = (of - of.mean() for of in logarithms)
+    spectra = [np.fft.rfft2(of, x.shape) for of in (y, x, np.ones_like(y))]
+    shifts = tuple(slice(0, 2 * reach + 1) for _ in range(2))
+
+    def sums(of: NDArray[np.complex128], weight: NDArray[np.complex128]) -> Floats:
+        return np.asarray(np.fft.irfft2(of * weight.conj(), x.shape)[shifts])
+
+    variance = sums(np.fft.rfft2(x * x), spectra[2]) - np.square(sums(spectra[1], spectra[2])) / n
+    correlation = sums(spectra[1], spectra[0]) / np.sqrt(np.maximum(variance, 1e-9 * n))
+    row, column = (int(k) for k in np.unravel_index(int(np.argmax(correlation)), correlation.shape))
+    peak, tried = (reach - row, reach - column), dict[tuple[int, int], float]()
+    width, _ = _resolved(values, displaced(target, peak), region)
+    blurred = _blurred(_around(target, region, reach + _radius(width)), width)
+
+    def contrast(by_px: tuple[int, int]) -> float:
+        if by_px not in tried:
+            y0, x0 = (reach - by for by in by_px)
+            shown = blurred[y0 : y0 + values.shape[0], x0 : x0 + values.shape[1]]
+            lit = shown.shape == values.shape and min(y0, x0) >= 0 and shown.max() > 0
+            tried[by_px] = speckle_pattern(values, None, shown).contrast.contrast if lit else math.inf
+        return tried[by_px]
+
+    for at in ((0, 0), peak):
+        for _ in range(_MOST_STEPS):
+            best = min(((at[0] + j, at[1] + i) for j, i in itertools.product((0, -1, 1), repeat=2)), key=contrast)
+            if best == at:
+                break
+            at = best
+    return min(tried, key=tried.__getitem__)
+
+
+def _contrasts_if_better(values: Floats, shown: Floats, rival: Floats) -> tuple[float, float] | None:
+    """The contrasts that a rival and what is `shown` leave, where a picture (y, x) fits the rival better; else None."""
+    usable = (shown >= _FLOOR * shown.mean()) & (rival >= _FLOOR * rival.mean())
+    is_dark = 2 * int(usable.sum()) < usable.size or not (values[usable] > 0).any()
+    if is_dark or not likeness(values, rival).at_least > LEAST_SHARE:
+        return None
+
+    def ratio(of: Floats, to: Floats) -> Floats:
+        found = np.divide(of, to, out=np.ones_like(of), where=usable)
+        return np.where(usable, found / found[usable].mean(), 1.0)
+
+    given, left, difference = ratio(values, shown), ratio(values, rival), ratio(rival, shown)
+    squares = _block_sums(np.square(difference - 1))
+    if not float(squares.sum()) ** 2 >= _LEAST_BLOCKS * float(np.square(squares).sum()) > 0:
+        return None
+    is_rival = likeness(given, difference).at_least > LEAST_SHARE
+    if not is_rival or likeness(left, ratio(shown, rival)).at_least > LEAST_SHARE:
+        return None
+    return float(left[usable].std()), float(given[usable].std())
 
 
 def _error_of_blocks(pattern: SpecklePattern) -> float:

@@ -20,7 +20,7 @@ With the mean luminance m of each laser, its contrast C and the correlations ρ 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -31,7 +31,14 @@ from scipy.optimize import nnls
 
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate, noise_variance
-from holoview.holograms.metrics.likeness import Likeness, StructureLeft, luminance_contrast, shown_target
+from holoview.holograms.metrics.likeness import (
+    BetterTarget,
+    Likeness,
+    StructureLeft,
+    displaced,
+    luminance_contrast,
+    shown_target,
+)
 from holoview.holograms.metrics.speckle import Floats, SpecklePattern, speckle_pattern
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
@@ -99,8 +106,8 @@ class SpeckleMeasurement:
     region: (x, y, width, height). luminance: of all lasers together. mean, pixels: mean luminance, and the pixels that
     count. pattern: the speckle of the luminance. raw_contrast: with the structure of
     the picture. has_target: whether that was divided out of the others. withheld: why the contrast isn't to be stated,
-    "" where it is; `luminance` is then raw, and the lasers aren't measured. likeness, blur_px, left: beside a target,
-    as of `LuminanceContrast`.
+    "" where it is; `luminance` is then raw, and the lasers aren't measured. likeness, blur_px, left, better,
+    displacement_px: beside a target, as of `LuminanceContrast`.
     lasers: of those with light. groups: by the names of `GROUPS`. correlation: (laser, laser) of the patterns.
     colour, independent_colour: colour speckle as measured, and of independent lasers of the same contrasts; None in the
     dark and of an image without colours. notes: what limits the numbers, as sentences.
@@ -123,6 +130,8 @@ class SpeckleMeasurement:
     likeness: Likeness | None = None
     blur_px: float = 0.0
     left: StructureLeft | None = None
+    better: BetterTarget | None = None
+    displacement_px: tuple[int, int] = (0, 0)
 
     @cached_property
     def _shares(self) -> Floats:
@@ -162,6 +171,8 @@ class SpeckleMeasurement:
             "likeness": asdict(alike) if alike is not None and is_known else None,
             "target_blur_px": None if alike is None else self.blur_px,
             "structure_left": None if self.left is None else asdict(self.left),
+            "better_target": None if self.better is None else asdict(self.better),
+            "target_displacement_px": list(self.displacement_px),
             **_grains_json(self.luminance),
             "raw_contrast": self.raw_contrast,
             "structure_removed": self.has_target,
@@ -258,20 +269,33 @@ def measure_speckle(
     target: NDArray[np.floating] | None = None,
     lasers: LaserImages | None = None,
     noise: PixelNoise | SumNoise | None = None,
+    others: Mapping[str, NDArray[np.floating]] | None = None,
+    *,
+    is_aligned: bool = False,
 ) -> SpeckleMeasurement:
     """Measures a region of an image.
 
     luminance: (y, x). target: (y, x, 3) in linear sRGB, whose structure is divided out unless it is black there.
     lasers: of the same image; without them, the luminance alone is measured. noise: of a camera's pixels in the
-    luminance; it is taken off.
+    luminance; it is taken off. others, is_aligned: as of `luminance_contrast`.
     Raises UserError for a region that is outside, dark or a single pixel: a contrast isn't defined there.
     """
-    measured = luminance_contrast(luminance, region, target, noise)
-    estimate, notes = measured.estimate, list[str]()
+    measured = luminance_contrast(luminance, region, target, noise, others, is_aligned=is_aligned)
+    estimate, notes, alike = measured.estimate, list[str](), measured.likeness
     if target is not None and not measured.has_target and not measured.withheld:
         notes.append("the target is black in the region: its structure isn't divided out")
     if estimate.noise_share > 0 and estimate.contrast == 0:
         notes.append("the camera's noise explains all of the variance: no speckle is left")
+    if measured.has_target and measured.better is not None:
+        notes.append(f"another target fits better: {measured.better.text}")
+    if measured.has_target and alike is not None and math.isfinite(alike.standard_error) and alike.at_least < 0:
+        notes.append(
+            f"whether the target is shown can't be told here: the picture has {100 * alike.share:.0f} ± "
+            f"{100 * alike.standard_error:.0f} % of its structure; structure of another kind would count as speckle"
+        )
+    if any(measured.displacement_px):
+        down, right = measured.displacement_px
+        notes.append(f"the target was moved to where it fits, {right} samples to the right and {down} down")
     if measured.has_target and measured.left is not None:
         notes += [
             f"{100 * of.share:.0f} ± {100 * of.standard_error:.0f} % of the variance beside the target {what}, which "
@@ -296,10 +320,14 @@ def measure_speckle(
         likeness=measured.likeness,
         blur_px=measured.blur_px,
         left=measured.left,
+        better=measured.better,
+        displacement_px=measured.displacement_px,
     )
     if lasers is None or measured.withheld:
         return plain
-    shown = shown_target(target, region, measured.blur_px) if target is not None and measured.has_target else None
+    shown = None
+    if target is not None and measured.has_target:
+        shown = shown_target(displaced(target, measured.displacement_px), region, measured.blur_px)
     return _with_lasers(plain, lasers, shown)
 
 
