@@ -95,6 +95,7 @@ _FARTHEST = 32  # samples, or a quarter of a region, by which a target is looked
 _FLOOR = 0.05  # of the mean: darker samples tell no displacement
 _LEAST_BLOCKS = 4.0  # that tell a better target
 _MOST_ABOVE, _MOST_ABOVE_PLANES = 1.1, 1.2  # of a contrast over what a better target leaves, or one of another plane
+_MOST_WORSE = 1.05  # of a contrast that another target leaves with the same blur, beyond which it isn't looked into
 _MOST_STEPS = 8  # to the displacement that fits best
 _SIGNAL = 2.2  # power of a display
 
@@ -213,7 +214,7 @@ def luminance_contrast(
     estimate, raw, alike = contrast_estimate(pattern, own_noise), plain.contrast, likeness(plain.values, shown)
     has_structure = float(shown.std() / shown.mean()) ** 2 >= _LEAST_STRUCTURE * pattern.contrast.contrast**2
     left = structure_left(pattern, shown) if has_structure else None
-    better = _better_target(plain.values, known, region, shown, others or {})
+    better = _better_target(plain.values, known, region, blur_px, shown, others or {})
     if is_aligned and better is not None and any(better.displacement_px):
         moved = displaced(target, better.displacement_px)
         found = luminance_contrast(luminance, region, moved, noise, others)
@@ -400,11 +401,17 @@ def _places(rest: Floats, usable: NDArray[np.bool_]) -> Likeness:
 
 
 def _better_target(
-    values: Floats, target: Floats, region: Region, shown: Floats, others: Mapping[str, NDArray[np.floating]]
+    values: Floats,
+    target: Floats,
+    region: Region,
+    blur_px: float,
+    shown: Floats,
+    others: Mapping[str, NDArray[np.floating]],
 ) -> BetterTarget | None:
-    """The target that fits a region's values (y, x) best, if clearly better than the given one, which `shown` is of.
+    """The target that fits a region's values (y, x) best, if clearly better than the given one.
 
-    target: (y, x), luminance of the image. others: (y, x, 3), by what they are.
+    target: (y, x), luminance of the image. shown: of it in the region, blurred by `blur_px`. others: (y, x, 3), by what
+    they are.
     """
     by_px, fits = _displacement(values, target, region), list[BetterTarget]()
     moved = {} if by_px == (0, 0) else {_displacement_in_words(by_px): np.asarray(displaced(target, by_px))}
@@ -418,8 +425,12 @@ def _better_target(
         "read as light, not as a signal,": light ** (1 / _SIGNAL),
         **{name: of for name, of in known.items() if of is not None},
     }
+    most = _MOST_WORSE * _contrast_left(values, shown)
     for what, rival in rivals.items():
-        _, fitted = _resolved(values, np.asarray(rival, dtype=np.float64), region)
+        rival = np.asarray(rival, dtype=np.float64)
+        if _contrast_left(values, _blurred(_around(rival, region, _radius(blur_px)), blur_px)) > most:
+            continue
+        _, fitted = _resolved(values, rival, region)
         if (contrasts := _contrasts_if_better(values, shown, fitted)) is not None:
             fits.append(BetterTarget(what, *contrasts, by_px if what in moved else (0, 0), what in known))
     return min(fits, key=lambda of: of.contrast / of.given, default=None)
@@ -456,8 +467,8 @@ def _displacement(values: Floats, target: Floats, region: Region) -> tuple[int, 
         if by_px not in tried:
             y0, x0 = (reach - by for by in by_px)
             shown = blurred[y0 : y0 + values.shape[0], x0 : x0 + values.shape[1]]
-            lit = shown.shape == values.shape and min(y0, x0) >= 0 and shown.max() > 0
-            tried[by_px] = speckle_pattern(values, None, shown).contrast.contrast if lit else math.inf
+            is_inside = shown.shape == values.shape and min(y0, x0) >= 0
+            tried[by_px] = _contrast_left(values, shown) if is_inside else math.inf
         return tried[by_px]
 
     for at in ((0, 0), peak):
@@ -467,6 +478,12 @@ def _displacement(values: Floats, target: Floats, region: Region) -> tuple[int, 
                 break
             at = best
     return min(tried, key=tried.__getitem__)
+
+
+def _contrast_left(values: Floats, shown: Floats) -> float:
+    """The contrast that division of values (y, x) by what they show leaves; infinite where that can't be told."""
+    counted = speckle_pattern(values, None, shown).counted
+    return float(counted.std() / counted.mean()) if counted.size > 1 and counted.mean() > 0 else math.inf
 
 
 def _contrasts_if_better(values: Floats, shown: Floats, rival: Floats) -> tuple[float, float] | None:
