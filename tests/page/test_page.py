@@ -223,7 +223,9 @@ def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, 
 
 
 @needs_chromium
-@pytest.mark.parametrize("how", ["right", "blurred", "displaced", "tone curve", "something else"])
+@pytest.mark.parametrize(
+    "how", ["right", "blurred", "displaced", "up", "mirrored", "tone curve", "something else", "another plane"]
+)
 def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Written, how: str) -> None:
     """A drawn scene with gamma-law speckle beside a target of 8-bit codes: the same contrast, blur and sentence."""
     page, rng = open_page(browser, written.page), np.random.default_rng(4)
@@ -231,21 +233,29 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
     linear = srgb_decode(codes / 255.0)
     light = ndimage.gaussian_filter(linear, 2.0) if how == "blurred" else linear.copy()
     light = np.roll(light, 4, axis=1) if how == "displaced" else light**0.4 if how == "tone curve" else light
+    light = np.roll(light, (-1, 2), axis=(0, 1)) if how == "up" else light[:, ::-1] if how == "mirrored" else light
+    other = ndimage.gaussian_filter(codes, (0, 6))
+    light = srgb_decode(other / 255.0) if how == "another plane" else light
     light[20:40, 30:60] = 2.0 if how == "something else" else light[20:40, 30:60]
     y = (light * ndimage.uniform_filter(rng.gamma(4, 0.25, light.shape), 3)).astype(np.float32)
     region = (5, 4, 80, 60)
-    xyz, target = (np.repeat(of[..., None], 4, axis=-1) for of in (y, codes))
+    xyz, target, blurred = (np.repeat(of[..., None], 4, axis=-1) for of in (y, codes, other))
     found = page.evaluate(
-        "d => speckle(Float32Array.from(d.xyz), d.width, d.region, Uint8Array.from(d.codes), d.luminance)",
+        """d => {
+            const [target, other] = [d.codes, d.other].map(of => targetOf(Uint8Array.from(of), d.width, d.luminance))
+            return speckle(Float32Array.from(d.xyz), d.width, d.region, target, [["at 12 mm", other]])
+        }""",
         {
             "xyz": xyz.ravel().tolist(),
             "codes": target.ravel().tolist(),
+            "other": blurred.ravel().tolist(),
             "width": y.shape[1],
             "region": dict(zip(("x", "y", "width", "height"), region, strict=True)),
             "luminance": SRGB_TO_XYZ[1].tolist(),
         },
     )
-    known = luminance_contrast(y, region, np.repeat(linear[..., None], 3, axis=-1))
+    pictures = [np.repeat(of[..., None], 3, axis=-1) for of in (linear, srgb_decode(other / 255.0))]
+    known = luminance_contrast(y, region, pictures[0], others={"at 12 mm": pictures[1]})
     assert (found["withheld"], found["blur_px"]) == (known.withheld, known.blur_px)
     assert bool(known.withheld) == (how not in ("right", "blurred"))
     if not known.withheld:

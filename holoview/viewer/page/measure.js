@@ -35,16 +35,32 @@ const BLUR_WIDTHS = [0, 0.5, 0.7, 1, 1.4, 2, 2.8, 4] // samples, as WIDTHS of ho
 
 const MARGIN = 16 // samples that the widest blur brings in
 
-// Luminance of a region of a target of 8-bit sRGB codes (y, x, 4) with MARGIN samples around it; the border of the picture
-// goes on beyond it. luminance: row of the matrix sRGB to XYZ.
-function targetAround(target, width, region, [red, green, blue]) {
-    const rows = target.length / 4 / width, clamp = (value, n) => Math.min(Math.max(value, 0), n - 1)
-    const across = region.width + 2 * MARGIN, down = region.height + 2 * MARGIN, found = new Float64Array(across * down)
+// A target: luminance {values (y, x), width, rows} of 8-bit sRGB codes (y, x, 4). luminance: row of the matrix sRGB to XYZ.
+function targetOf(codes, width, [red, green, blue]) {
+    const values = new Float64Array(codes.length / 4)
+    for (let k = 0; k < values.length; k++) {
+        values[k] = red * DECODED[codes[4 * k]] + green * DECODED[codes[4 * k + 1]] + blue * DECODED[codes[4 * k + 2]]
+    }
+    return { values, width, rows: values.length / width }
+}
+
+const clamp = (value, n) => Math.min(Math.max(value, 0), n - 1)
+
+// The same target, its samples taken from where place(y, x) says; its border goes on beyond it.
+function rearranged({ values, width, rows }, place) {
+    const found = values.map((_, k) => {
+        const [y, x] = place(Math.floor(k / width), k % width)
+        return values[clamp(y, rows) * width + clamp(x, width)]
+    })
+    return { values: found, width, rows }
+}
+
+// A region of a target with a margin of samples around it; the border of the picture goes on beyond it.
+function targetAround({ values, width, rows }, region, margin = MARGIN) {
+    const across = region.width + 2 * margin, down = region.height + 2 * margin, found = new Float64Array(across * down)
     for (let k = 0, y = 0; y < down; y++) {
-        for (let x = 0; x < across; x++, k++) {
-            const i = 4 * (clamp(region.y + y - MARGIN, rows) * width + clamp(region.x + x - MARGIN, width))
-            found[k] = red * DECODED[target[i]] + green * DECODED[target[i + 1]] + blue * DECODED[target[i + 2]]
-        }
+        const row = clamp(region.y + y - margin, rows) * width
+        for (let x = 0; x < across; x++, k++) found[k] = values[row + clamp(region.x + x - margin, width)]
     }
     return found
 }
@@ -75,14 +91,14 @@ const overMean = of => {
 }
 
 // What values (region) show of a target: blurred by the width at which they are best a multiple of it; null of a black one.
-function shownTarget(values, target, width, region, luminance) {
+function shownTarget(values, target, region) {
     const y = overMean(values)
     const sumOf = (a, b) => {
         let sum = 0
         for (let k = 0; k < a.length; k++) sum += a[k] * b[k]
         return sum
     }
-    const around = targetAround(target, width, region, luminance)
+    const around = targetAround(target, region)
     let best = null
     for (const blur of BLUR_WIDTHS) {
         const wanted = blurredTarget(around, region, blur)
@@ -174,6 +190,165 @@ function inPlaces(rest, usable, blocks) {
     return { share: total(beyond.map(value => value * value - spread * spread)) / whole, error: (2 * spread * Math.hypot(...beyond)) / whole }
 }
 
+// Shares of structures that targets and their ratios have, and where another target is better: as _better_target of
+// holoview/holograms/metrics/likeness.py does it, which derives it.
+const FARTHEST = 32, MOST_STEPS = 8, FLOOR = 0.05
+
+// The contrast that division by what values show leaves; infinite where that can't be told.
+function contrastLeft(values, wanted) {
+    const { ratio, usable } = structureFree(values, wanted), { mean, std } = moments(ratio.filter((_, k) => usable[k]))
+    return mean > 0 ? std / mean : Infinity
+}
+
+// Fourier transform of complex lines, in place: count lines of a length that is a power of two, from sample to sample by step.
+function transformLines(re, im, count, length, next, step, sign) {
+    const a = new Float64Array(length), b = new Float64Array(length), bits = Math.log2(length)
+    const order = Uint32Array.from({ length }, (_, k) => { let r = 0; for (let i = 0; i < bits; i++) r |= ((k >> i) & 1) << (bits - 1 - i); return r })
+    const cos = Float64Array.from({ length }, (_, k) => Math.cos((2 * Math.PI * k) / length)), sin = Float64Array.from({ length }, (_, k) => sign * Math.sin((2 * Math.PI * k) / length))
+    for (let line = 0; line < count; line++) {
+        const first = line * next
+        for (let k = 0; k < length; k++) [a[k], b[k]] = [re[first + order[k] * step], im[first + order[k] * step]]
+        for (let half = 1; half < length; half *= 2) {
+            for (let start = 0; start < length; start += 2 * half) {
+                for (let k = 0; k < half; k++) {
+                    const w = (k * length) / (2 * half), i = start + k, j = i + half
+                    const u = a[j] * cos[w] - b[j] * sin[w], v = a[j] * sin[w] + b[j] * cos[w]
+                    a[j] = a[i] - u; b[j] = b[i] - v; a[i] += u; b[i] += v
+                }
+            }
+        }
+        for (let k = 0; k < length; k++) { re[first + k * step] = a[k]; im[first + k * step] = b[k] }
+    }
+}
+
+// Sums of x (wider by 2·reach each way) times y at the displacements 0 … 2·reach of x, down and across.
+function correlationSums(y, x, { width, height }, reach) {
+    const across = width + 2 * reach, power = n => 2 ** Math.ceil(Math.log2(n)), [rows, columns] = [power(height + 2 * reach), power(across)]
+    const re = new Float64Array(rows * columns), im = new Float64Array(rows * columns), side = 2 * reach + 1
+    x.forEach((value, k) => { re[Math.floor(k / across) * columns + (k % across)] = value })
+    y.forEach((value, k) => { im[Math.floor(k / width) * columns + (k % width)] = value })
+    transformLines(re, im, rows, columns, columns, 1, -1)
+    transformLines(re, im, columns, rows, 1, columns, -1)
+    const a = new Float64Array(re.length), b = new Float64Array(re.length) // X·conj(Y) of the spectrum of x + i·y
+    for (let j = 0; j < rows; j++) {
+        for (let i = 0; i < columns; i++) {
+            const k = j * columns + i, o = ((rows - j) % rows) * columns + ((columns - i) % columns)
+            const xr = (re[k] + re[o]) / 2, xi = (im[k] - im[o]) / 2, yr = (im[k] + im[o]) / 2, yi = (re[o] - re[k]) / 2
+            a[k] = xr * yr + xi * yi
+            b[k] = xi * yr - xr * yi
+        }
+    }
+    transformLines(a, b, rows, columns, columns, 1, 1)
+    transformLines(a, b, columns, rows, 1, columns, 1)
+    return Float64Array.from({ length: side * side }, (_, k) => a[Math.floor(k / side) * columns + (k % side)] / a.length)
+}
+
+// Sums of values (wider by 2·reach each way) over a region, at the displacements of `correlationSums`.
+function windowSums(values, { width, height }, reach) {
+    const across = width + 2 * reach, down = height + 2 * reach, line = across + 1, side = 2 * reach + 1, sums = new Float64Array(line * (down + 1))
+    for (let y = 0; y < down; y++) {
+        for (let x = 0, row = 0; x < across; x++) {
+            row += values[y * across + x]
+            sums[(y + 1) * line + x + 1] = sums[y * line + x + 1] + row
+        }
+    }
+    return Float64Array.from({ length: side * side }, (_, k) => {
+        const y = Math.floor(k / side), x = k % side, [top, bottom] = [y * line, (y + height) * line]
+        return sums[bottom + x + width] - sums[top + x + width] - sums[bottom + x] + sums[top + x]
+    })
+}
+
+// Samples [down, right] by which a target fits values best when it is displaced.
+function displacementOf(values, target, region) {
+    const reach = Math.min(FARTHEST, Math.floor(region.width / 4), Math.floor(region.height / 4))
+    if (reach === 0) return [0, 0]
+    const logarithm = of => {
+        const floor = (FLOOR * total(of)) / of.length, found = of.map(value => Math.log(Math.max(value, floor))), mean = total(found) / found.length
+        return found.map(value => value - mean)
+    }
+    const y = logarithm(values), x = logarithm(targetAround(target, region, reach)), n = values.length, side = 2 * reach + 1
+    const sums = windowSums(x, region, reach), squares = windowSums(x.map(value => value * value), region, reach)
+    let [most, peak] = [-Infinity, [0, 0]]
+    correlationSums(y, x, region, reach).forEach((sum, k) => {
+        const found = sum / Math.sqrt(Math.max(squares[k] - sums[k] ** 2 / n, 1e-9 * n))
+        if (found > most) [most, peak] = [found, [reach - Math.floor(k / side), reach - (k % side)]]
+    })
+    const displaced = rearranged(target, (y, x) => [y - peak[0], x - peak[1]]), { blur } = shownTarget(values, displaced, region) ?? { blur: 0 }
+    const wider = { x: region.x - reach, y: region.y - reach, width: region.width + 2 * reach, height: region.height + 2 * reach }
+    const blurred = blurredTarget(targetAround(target, wider), wider, blur), tried = new Map()
+    const contrast = ([down, right]) => {
+        const key = `${down} ${right}`, [y0, x0] = [reach - down, reach - right]
+        if (!tried.has(key)) {
+            const isInside = Math.min(y0, x0) >= 0 && Math.max(y0, x0) <= 2 * reach
+            const part = isInside && values.map((_, k) => blurred[(y0 + Math.floor(k / region.width)) * wider.width + x0 + (k % region.width)])
+            tried.set(key, { by: [down, right], left: isInside ? contrastLeft(values, part) : Infinity })
+        }
+        return tried.get(key).left
+    }
+    const least = places => places.reduce((best, of) => (contrast(of) < contrast(best) ? of : best))
+    const steps = [0, -1, 1].flatMap(j => [0, -1, 1].map(i => [j, i]))
+    for (let at of [[0, 0], peak]) {
+        for (let step = 0; step < MOST_STEPS; step++) {
+            const best = least(steps.map(([j, i]) => [at[0] + j, at[1] + i]))
+            if (best[0] === at[0] && best[1] === at[1]) break
+            at = best
+        }
+    }
+    return [...tried.values()].reduce((best, of) => (of.left < best.left ? of : best)).by
+}
+
+// The contrasts that a rival and what is shown leave, where values fit the rival better; else null.
+function contrastsIfBetter(values, wanted, rival, blocks) {
+    const floorOf = of => (FLOOR * total(of)) / of.length, [low, least] = [floorOf(wanted), floorOf(rival)]
+    const usable = values.map((_, k) => (wanted[k] >= low && rival[k] >= least ? 1 : 0)), count = total(usable)
+    const isSure = ({ share, error }) => share - 2 * error > 0.5
+    if (2 * count < values.length || !values.some((value, k) => usable[k] && value > 0) || !(total(rival) > 0)) return null
+    if (!isSure(likeness(values, rival, blocks))) return null
+    const ratio = (of, to) => {
+        const found = of.map((value, k) => (usable[k] ? value / to[k] : 0)), mean = total(found) / count
+        return found.map((value, k) => (usable[k] ? value / mean : 1))
+    }
+    const given = ratio(values, wanted), left = ratio(values, rival), difference = ratio(rival, wanted)
+    const squares = blockSums(blocks, difference.map(value => (value - 1) ** 2)), own = total(squares.map(value => value * value))
+    if (!(own > 0 && total(squares) ** 2 >= 4 * own)) return null
+    if (!isSure(likeness(given, difference, blocks)) || isSure(likeness(left, ratio(wanted, rival), blocks))) return null
+    const [contrast, beside] = [left, given].map(of => moments(of.filter((_, k) => usable[k])).std)
+    return { contrast, given: beside }
+}
+
+// The target that fits values best, if clearly better than the given one; null where there is none. shown: of
+// `shownTarget`. others: [what, target] of other planes.
+function betterTarget(values, target, shown, region, blocks, others) {
+    const { rows, width } = target, curve = power => ({ ...target, values: target.values.map(value => value ** power) })
+    const by = displacementOf(values, target, region)
+    const words = [[by[1], "to the right", "to the left"], [by[0], "down", "up"]].filter(([n]) => n)
+    const moved = words.map(([n, ahead, back]) => `${Math.abs(n)} px ${n < 0 ? back : ahead}`).join(" and ")
+    const rivals = [
+        ["mirrored", rearranged(target, (y, x) => [y, width - 1 - x])],
+        ["upside down", rearranged(target, (y, x) => [rows - 1 - y, x])],
+        ["turned by 180°", rearranged(target, (y, x) => [rows - 1 - y, width - 1 - x])],
+        ["read as a signal, not as light,", curve(2.2)],
+        ["read as light, not as a signal,", curve(1 / 2.2)],
+    ]
+    if (moved) rivals.unshift([`displaced by ${moved}`, rearranged(target, (y, x) => [y - by[0], x - by[1]])])
+    const most = 1.05 * contrastLeft(values, shown.wanted)
+    let best = null
+    for (const [what, rival] of [...rivals, ...others]) {
+        if (contrastLeft(values, blurredTarget(targetAround(rival, region), region, shown.blur)) > most) continue
+        const fitted = shownTarget(values, rival, region), found = fitted && contrastsIfBetter(values, shown.wanted, fitted.wanted, blocks)
+        if (found && (!best || found.contrast / found.given < best.contrast / best.given)) best = { what, ...found, isOtherPlane: others.some(([name]) => name === what) }
+    }
+    return best
+}
+
+// Why a contrast isn't to be stated beside a better target; "" where it is.
+function whyAnother(better) {
+    if (!better) return ""
+    const { contrast, given, what, isOtherPlane } = better
+    if (given <= (isOtherPlane ? Math.max(1.2 * contrast, Math.hypot(contrast, 0.1)) : 1.1 * contrast)) return ""
+    return `the target isn't what is shown here: ${what} it leaves a contrast of ${contrast.toFixed(3)}, as it is ${given.toFixed(3)}`
+}
+
 // Why a contrast isn't to be stated; "" where it is. ratio, usable: of `structureFree`.
 function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
     const blocks = blocksOf(region), alike = likeness(values, wanted, blocks), percent = ({ share, error }) => `${(100 * share).toFixed(0)} ± ${(100 * error).toFixed(0)} %`
@@ -205,16 +380,17 @@ function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
 // Contrast σ/μ of the luminance in a region, the structure of a target divided out where one is given and shown
 // (`structureFree`), with a histogram of what counts over its mean in 32 bins of 1/8, the last of which takes all that is
 // brighter. mean, raw_contrast: of the luminance as it is. withheld: why contrast is null, as the target isn't shown.
-// blur_px: of the target in the picture.
-function speckle(xyz, width, region, target = null, luminance = null) {
+// blur_px: of the target in the picture. target: of `targetOf`. others: [what, target] of other planes.
+function speckle(xyz, width, region, target = null, others = []) {
     const plain = new Float64Array(region.width * region.height)
     plain.forEach((_, k) => { plain[k] = xyz[4 * ((region.y + Math.floor(k / region.width)) * width + region.x + (k % region.width)) + 1] })
     const raw = moments(plain), rawContrast = raw.std / raw.mean
-    const shown = target && shownTarget(plain, target, width, region, luminance)
+    const shown = target && shownTarget(plain, target, region)
     let values = plain, { mean, std } = raw, withheld = "", divided = false
     if (shown) {
         const free = structureFree(plain, shown.wanted), counted = free.ratio.filter((_, k) => free.usable[k]), own = moments(counted)
-        withheld = whyWithheld(plain, shown.wanted, free, region, { ...own, contrast: own.std / own.mean }, rawContrast)
+        withheld = whyAnother(betterTarget(plain, target, shown, region, blocksOf(region), others))
+        withheld ||= whyWithheld(plain, shown.wanted, free, region, { ...own, contrast: own.std / own.mean }, rawContrast)
         if (!withheld) [values, mean, std, divided] = [counted, own.mean, own.std, true]
     }
     const histogram = new Array(32).fill(0)

@@ -202,6 +202,14 @@ class Viewer {
     async loadTarget() {
         const index = nearestIndex(PAGE.target.planes_m, this.state.plane_m)
         if (this.targetIndex === index) return
+        const { picture, codes } = await this.targetPicture(index)
+        this.targetCodes = codes
+        this.pictures.set("target", picture)
+        this.targetIndex = index
+    }
+
+    // The target at one of its planes: {picture, codes}, a canvas and its sRGB codes (y, x, 4).
+    async targetPicture(index) {
         const image = new Image()
         image.src = PAGE.target.pictures[index]
         await image.decode()
@@ -209,9 +217,13 @@ class Viewer {
         const picture = new OffscreenCanvas(width, height)
         const context = picture.getContext("2d", { colorSpace: "srgb" })
         context.drawImage(image, 0, 0)
-        this.targetCodes = context.getImageData(0, 0, width, height).data
-        this.pictures.set("target", picture)
-        this.targetIndex = index
+        return { picture, codes: context.getImageData(0, 0, width, height).data }
+    }
+
+    // The luminance of the target at each of its planes, as `targetOf` has it.
+    async targets() {
+        this.targetLuminances ??= await Promise.all(PAGE.target.pictures.map(async (_, index) => targetOf((await this.targetPicture(index)).codes, this.shape[1], PAGE.srgb_luminance)))
+        return this.targetLuminances
     }
 
     layout() {
@@ -292,7 +304,8 @@ class Viewer {
             const withheld = `the page holds the target at ${planes} alone`
             return { ...speckle(xyz, width, r), contrast: null, withheld }
         }
-        const found = speckle(xyz, width, r, this.targetCodes, PAGE.srgb_luminance)
+        const targets = await this.targets(), others = targets.map((target, k) => [`at ${WHOLE_MM(PAGE.target.planes_m[k])}`, target])
+        const found = speckle(xyz, width, r, targets[this.targetIndex], others.filter((_, k) => k !== this.targetIndex))
         return { ...found, psnr_db: psnr(xyz, this.targetCodes, width, r, PAGE.xyz_to_srgb) }
     }
 

@@ -208,7 +208,7 @@ def _claims(
     xyz, rgb, known = view.xyz[near[0]], view.rgb[near[0]], None if target is None else _at(target, plane_m)
     claims: list[dict[str, Any]] = []
     if region is not None:
-        found = luminance_contrast(xyz[..., 1], region, known)
+        found = luminance_contrast(xyz[..., 1], region, known, others=_others(target, plane_m))
         how = "the structure of the target divided out" if found.has_target else "with the structure of the picture"
         value = f"{found.estimate.contrast:.3f} ± {found.estimate.standard_error:.3f}"
         if found.withheld:
@@ -224,6 +224,12 @@ def _at(target: Target, plane_m: float) -> NDArray[np.floating] | None:
     """The picture (y, x, 3) of a target at a plane; None where it has none, as one out of focus is another picture."""
     near = np.flatnonzero(np.isclose(target.planes_m, plane_m, rtol=0, atol=_SAME_PLANE_M))
     return target.stack[near[0]] if len(near) else None
+
+
+def _others(target: Target | None, plane_m: float) -> dict[str, NDArray[np.floating]]:
+    """The pictures (y, x, 3) of a target at its other planes, by what they are."""
+    pairs = () if target is None else zip(target.planes_m, target.stack, strict=True)
+    return {f"at {z * 1e3:.4g} mm": of for z, of in pairs if not np.isclose(z, plane_m, rtol=0, atol=_SAME_PLANE_M)}
 
 
 def _claim(quantity: str, text: str, value: str, region: dict[str, int] | None) -> dict[str, Any]:
