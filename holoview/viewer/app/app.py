@@ -236,7 +236,7 @@ class App:
         if not are_same(inputs, self._measured):
             self._measured = inputs
             luminances = self.context.side_renderers.now.luminances()
-            self.context.live_measurement.request(document, now.xyz, now.target, luminances, others)
+            self.context.live_measurement.request(document, now.xyz, now.target, luminances, others, now.other_targets)
 
     def _update_requests(self) -> None:
         """Asks the renderers for what the session shows now, if it has changed; at first that of the files to open."""

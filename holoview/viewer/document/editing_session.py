@@ -419,6 +419,12 @@ class EditingSession:
         plane_m = self.view_settings.plane_m if plane_m is None else plane_m
         return self.target_builder.get(self.target_spec, self.system, plane_m)
 
+    def other_targets(self) -> dict[str, NDArray[np.float32]]:
+        """The targets (y, x, 3) at planes that aren't displayed, as far as they are built, by what they are."""
+        if self.target_spec is None:
+            return {}
+        return self.target_builder.others(self.target_spec, self.system, self.view_settings.plane_m)
+
     def target_for(self, side: ComparisonSide) -> NDArray[np.float32] | None:
         """The target (y, x, 3) of a side of the comparison at the displayed plane; a snapshot has its own.
 

@@ -125,13 +125,13 @@ def save_figure(session: EditingSession, path: Path) -> BackgroundJob:
     """Writes the figure in the background. Raises UserError for another suffix, and if matplotlib isn't installed."""
     path = check_suffix(path, SUFFIXES)
     require_matplotlib("a figure")
-    document, target = session.displayed_document, session.target_at()
+    document, target, others = session.displayed_document, session.target_at(), session.other_targets()
 
     def work(control: JobControl) -> Path:
         control.report(0, 2, "rendering")
         (xyz,) = render_planes(document.system, document.drive, [document.view_settings.plane_m], control.check)
         control.report(1, 2, "drawing")
-        metrics = measure_region(xyz, document.measured_region, target)
+        metrics = measure_region(xyz, document.measured_region, target, others)
         figure = _draw(document, tone_map(xyz, document.view_settings), metrics)
         write_file(path, figure_bytes(figure, path.suffix.lower().removeprefix(".")))
         return path

@@ -7,9 +7,9 @@ contrast by the number of wavelengths; lines and pixels;
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -74,15 +74,19 @@ class RegionMetrics:
 
 
 def measure_region(
-    xyz: NDArray[np.floating], region: Region, target: NDArray[np.floating] | None = None
+    xyz: NDArray[np.floating],
+    region: Region,
+    target: NDArray[np.floating] | None = None,
+    others: Mapping[str, NDArray[np.floating]] | None = None,
 ) -> RegionMetrics:
     """Measures a region (x, y, width, height) of XYZ (y, x, 3), compared with a target (y, x, 3) in linear sRGB.
 
+    others: targets of other planes, by what they are.
     Raises UserError for a region outside the image, one without light, and a target of another shape.
     """
     if target is not None and target.shape != xyz.shape:
         raise UserError("target", f"shape {target.shape}", expected=f"the image's shape, {xyz.shape}")
-    found = luminance_contrast(np.asarray(xyz)[..., 1], region, target)
+    found = luminance_contrast(np.asarray(xyz)[..., 1], region, target, others=others)
     metrics = RegionMetrics(
         contrast=None if found.withheld else found.estimate.contrast,
         standard_error=found.estimate.standard_error,
@@ -99,11 +103,15 @@ def measure_region(
 
 @dataclass(frozen=True, eq=False)
 class ShownImage:
-    """An image that is shown: a name for people, XYZ (y, x, 3), and its target (y, x, 3) in linear sRGB."""
+    """An image that is shown: a name for people, XYZ (y, x, 3), and its target (y, x, 3) in linear sRGB.
+
+    other_targets: of other planes, by what they are.
+    """
 
     name: str
     xyz: NDArray[np.floating]
     target: NDArray[np.floating] | None = None
+    other_targets: Mapping[str, NDArray[np.floating]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +134,7 @@ def measure_regions(image: ShownImage, regions: Sequence[NamedRegion], shape: tu
             if image.xyz.shape[:2] != shape:
                 size = " × ".join(map(str, image.xyz.shape[1::-1]))
                 raise UserError("image", f"{size} samples", expected=f"{shape[1]} × {shape[0]}, as of the other one")
-            metrics = measure_region(image.xyz, of.region, image.target)
+            metrics = measure_region(image.xyz, of.region, image.target, image.other_targets)
         except UserError as error:
             problem = str(error)
         rows.append(RegionRow(image.name, of.name, of.region, metrics, problem))
@@ -314,9 +322,12 @@ class LiveMeasurement:
         target: Image | None = None,
         luminance: Image | None = None,
         others: Sequence[ShownImage] = (),
+        other_targets: Mapping[str, Image] | None = None,
     ) -> None:
         """Requests measurements of an image; see `measure_image`. The arrays must not be changed afterwards."""
-        self._task.submit(lambda: measure_image(document, xyz, target, luminance, others), self._on_result)
+        self._task.submit(
+            lambda: measure_image(document, xyz, target, luminance, others, other_targets), self._on_result
+        )
 
     def close(self) -> None:
         """Ends the thread."""
@@ -333,14 +344,15 @@ def measure_image(
     target: Image | None = None,
     luminance: Image | None = None,
     others: Sequence[ShownImage] = (),
+    other_targets: Mapping[str, Image] | None = None,
 ) -> ImageMeasurements:
     """Measures the image XYZ (y, x, 3) of a document.
 
     target (y, x, 3), linear sRGB: enables PSNR and colour error. luminance (laser, y, x): enables the curve. others:
-    images beside it, in which the same regions are measured. An error that the user can correct, such as a dark
-    region, is stored as `problem`.
+    images beside it, in which the same regions are measured. other_targets: of other planes. An error that the user can
+    correct, such as a dark region, is stored as `problem`.
     """
-    images = [ShownImage(document.title, xyz, target), *others]
+    images = [ShownImage(document.title, xyz, target, other_targets or {}), *others]
     rows = [row for image in images for row in measure_regions(image, document.measured_regions, document.image_shape)]
     first = next(row for row in rows if row.region == document.measured_region)
     region, histogram, curve, problem, retinal = first.metrics, None, None, first.problem, None

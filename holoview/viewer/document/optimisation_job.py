@@ -628,7 +628,7 @@ def start_scheme_comparison(session: EditingSession, iterations: int = 0) -> Sch
     Both documents become snapshots and are shown side by side. Without a target, patterns are random.
     """
     start = session.document
-    target = session.target_at()
+    target, others = session.target_at(), session.other_targets()
     iterations = iterations if start.target_spec is not None else 0
     job = SchemeComparisonJob("Compare schemes", session.call_on_owner, session.wake)
 
@@ -639,7 +639,7 @@ def start_scheme_comparison(session: EditingSession, iterations: int = 0) -> Sch
             document = _document_of_scheme(start, with_scheme(start.system, scheme), iterations, control, number)
             (xyz,) = render_planes(document.system, document.drive, [document.view_settings.plane_m], control.check)
             reference = target if iterations else None
-            contrast = measure_region(xyz, start.measured_region, reference).contrast
+            contrast = measure_region(xyz, start.measured_region, reference, others).contrast
             compared.append(ComparedScheme(name, document, contrast))
         control.report(2, 2)
         method = "random patterns"

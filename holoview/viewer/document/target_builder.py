@@ -21,6 +21,7 @@ from holoview.holograms.targets.picture import Picture, read_picture, resize_to_
 from holoview.holograms.targets.target import Placement, scene_depth
 from holoview.holograms.targets.target_source import ComputedScene, TargetContent
 from holoview.light.colour import SRGB_TO_XYZ
+from holoview.light.model.focus import plane_label
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -176,6 +177,13 @@ class TargetBuilder:
             return self._cache[request.key]
         self._task.submit(request.build, partial(self._on_built, request), request.key)
         return None
+
+    def others(self, target_spec: TargetSpec, system: System, plane_m: float) -> dict[str, Image]:
+        """The targets that are built for other planes of the system, by what they are."""
+        found = {float(z): self._cache.get(_TargetRequest(target_spec, system, float(z)).key) for z in system.planes_m}
+        return {
+            f"at {plane_label(system, z)}": image for z, image in found.items() if image is not None and z != plane_m
+        }
 
     @property
     def is_building(self) -> bool:

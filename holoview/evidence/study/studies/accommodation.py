@@ -142,7 +142,7 @@ class _Defocus(Study):
         "defocus of incoherent light."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes to optimise and 40 iterations."
-    revision = 3
+    revision = 4
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return scheme_jobs(self, _DEFOCUS, scale, seed, sweep=_SWEEP)

@@ -127,7 +127,7 @@ class _StaticMask(HologramStudy):
     )
     quick_note = f"{QUICK_SIZE}, 3 and 8 wavelengths, and a mask learned from four pictures."
     kind = "static-mask"
-    revision = 1
+    revision = 2
     displays: tuple[str, ...] = (ONE, TWO, RANDOM, LEARNED)
     lasers: tuple[int, ...] = (3, 8, 16)
 

@@ -194,6 +194,7 @@ class _EyeSpacing(Study):
         "of three primaries, through a pupil of 3 mm."
     )
     quick_note = f"{QUICK_SIZE}."
+    revision = 2
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         cases = {

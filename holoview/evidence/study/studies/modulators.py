@@ -304,7 +304,7 @@ class _Multiplexing(Study):
         "in two frames by one laser each or by both in both; PSNR of XYZ, unclipped."
     )
     quick_note = f"{QUICK_SIZE}."
-    revision = 3
+    revision = 4
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         shared = {"scheme": "simultaneous", "options": {"loss": "xyz"}}

@@ -83,7 +83,7 @@ class _Pupil(Study):
     )
     quick_note = f"{QUICK_SIZE}."
     options = ("pupils", "scores")
-    revision = 3
+    revision = 4
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         pupils = {"pupils_mm": [round(1e3 * d, 6) for d in scale.pupils_m] or list(_PUPILS_MM)}
