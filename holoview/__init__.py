@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from holoview.holograms.optimise.learned_mask import learn_mask
     from holoview.holograms.optimise.settings import Settings
     from holoview.holograms.optimise.solve import iterate
+    from holoview.holograms.targets.framing import Framing
     from holoview.holograms.targets.target import Placement, target_for
     from holoview.holograms.view import View, as_field, field_at, point_light, random_drive, save, sections, simulate
     from holoview.light.model.bench_parts import Modulator, Relay, Sampling, Source
@@ -52,6 +53,7 @@ install_former_names()
 
 _MODULES = {
     "Eye": "holoview.light.model.eye",
+    "Framing": "holoview.holograms.targets.framing",
     "Hologram": "holoview.holograms.hologram",
     "Modulator": "holoview.light.model.bench_parts",
     "Placement": "holoview.holograms.targets.target",
@@ -90,6 +92,7 @@ _MODULES = {
 
 __all__ = [
     "Eye",
+    "Framing",
     "Hologram",
     "Modulator",
     "Placement",

@@ -14,6 +14,7 @@ from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
 from holoview.holograms.files.pictures import png_texts
 from holoview.holograms.hologram import system_name_of
+from holoview.holograms.targets.framing import FILL, Framing
 from holoview.light.model import preset
 from holoview.light.model.effects.registry import (
     NO_EFFECTS,
@@ -94,6 +95,25 @@ def _observer_change(text: str) -> str:
 
 def _is_table(value: Any) -> bool:
     return isinstance(value, str) and value.lower().endswith(".csv")
+
+
+def add_framing(parser: argparse._ActionsContainer) -> None:
+    """Adds --framing, a `Framing`."""
+    parser.add_argument(
+        "--framing",
+        metavar="HOW",
+        type=_framing,
+        default=FILL,
+        help="how a picture of another aspect is placed: fill (cut off, the default), fit (black beside it), crop, or "
+        "crop:X,Y,SHARE: a part by its centre and its share of the largest one, in fractions of the picture",
+    )
+
+
+def _framing(text: str) -> Framing:
+    try:
+        return Framing.parse(text)
+    except UserError as error:
+        raise argparse.ArgumentTypeError(f"{error.found}; expected {error.expected}") from None
 
 
 def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:

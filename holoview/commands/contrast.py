@@ -72,6 +72,7 @@ from holoview.holograms.metrics.photograph import (
 from holoview.holograms.metrics.sharpness import slanted_edge_mtf
 from holoview.holograms.metrics.speckle import independent_patterns, pupils_of
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
+from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import random_drive
@@ -492,8 +493,9 @@ def _check_picture_options(args: argparse.Namespace) -> None:
         raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
     if args.meter is not None:
         raise UserError("--meter", "with a picture", expected="a preset or a hologram: a picture has its instrument")
-    if args.depth is not None:
-        raise UserError("--depth", "with a picture", expected="--target alone, pixel on pixel")
+    for flag, is_given in (("--depth", args.depth is not None), ("--framing", args.framing != FILL)):
+        if is_given:
+            raise UserError(flag, "with a picture", expected="--target alone, pixel on pixel")
 
 
 def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]:

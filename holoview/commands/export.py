@@ -26,7 +26,7 @@ from holoview.commands.arguments import parse_region, whole
 from holoview.commands.console import progress_bar
 from holoview.commands.hologram_files import add_field_options, open_files
 from holoview.commands.output_files import add_input, add_output, add_output_folder, check_files
-from holoview.commands.speckle_options import target_from_args
+from holoview.commands.speckle_options import add_target, target_from_args
 from holoview.holograms.files.light_writer import check_light_suffix
 from holoview.holograms.files.pattern_manifest import MANIFEST, PatternFile, pattern_manifest
 from holoview.holograms.files.pictures import (
@@ -71,8 +71,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def _configure_page(group: argparse._ArgumentGroup) -> None:
-    add_input(group, "--target", metavar="PICTURE", help="what the holograms should show: a picture")
-    add_input(group, "--depth", metavar="PICTURE", help="its depth map: black is nearest to the viewer")
+    add_target(group)
     group.add_argument(
         "--plane", metavar="DISTANCE", help="focal plane that the page opens with; the middle one if absent"
     )

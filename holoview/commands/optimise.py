@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from holoview.commands.arguments import (
     add_fields,
+    add_framing,
     add_system,
     default_output,
     given_fields,
@@ -79,6 +80,7 @@ from holoview.holograms.optimise.settings import (
     Settings,
 )
 from holoview.holograms.targets.focal_stack import Film, is_video
+from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.light_field import ViewGrid
 from holoview.holograms.targets.picture import COLOUR_SPACES
 from holoview.holograms.targets.target import Placement, target_for
@@ -221,6 +223,7 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         help=f"of each picture of a film after the first ({NEXT_ITERATIONS})",
     )
     add_input(group, "--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
+    add_framing(group)
     group.add_argument(
         "--at",
         metavar="DISTANCE",
@@ -427,6 +430,8 @@ def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.
         saturation=args.saturation,
         space=args.space,
     )
+    if args.framing != FILL and (is_field_file(Path(args.target)) or file.has_views or file.is_stack):
+        raise UserError("--framing", "with views, a focal stack or a field", expected="a picture, or no framing")
     if is_field_file(Path(args.target)):
         return TargetSource(system, file, _note, reach_m, _field_scene(args))
     if file.is_stack and (args.depth is not None or args.at is not None or file.grid is not None):
@@ -437,7 +442,7 @@ def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.
         file = replace(file, zero_m=None if args.at is None else parse_plane(system, args.at, "--at"))
     else:
         at_m, near_m, far_m = (_parse_length(args, flag) for flag in ("at", "near", "far"))
-        file = replace(file, placement=Placement(at_m, args.depth, near_m, far_m))
+        file = replace(file, placement=Placement(at_m, args.depth, near_m, far_m, args.framing))
     return TargetSource(system, file, _note, reach_m)
 
 
@@ -540,7 +545,7 @@ def _film_job(args: argparse.Namespace) -> tuple[FilmJob, Film, Placement]:
         as_uint8=args.drive_type == "uint8",
     )
     make_folder(args.output)
-    return job, film, Placement(at_m=_parse_length(args, "at"))
+    return job, film, Placement(at_m=_parse_length(args, "at"), framing=args.framing)
 
 
 # --- a static mask for many pictures ---
@@ -561,7 +566,8 @@ def _run_learning(args: argparse.Namespace) -> int:
     check_learnable(system, args.learn)
     if not Path(args.target).is_dir():
         raise UserError(args.target, "isn't a folder", expected=f"a folder of pictures, for {where}")
-    placement, film = Placement(at_m=_parse_length(args, "at")), Film(Path(args.target), args.space)
+    placement = Placement(at_m=_parse_length(args, "at"), framing=args.framing)
+    film = Film(Path(args.target), args.space)
     stacks = list(_stacks_of(args, system, film, placement))
     settings, device = _settings(args, system, PupilPlaces()), resolve_torch_device(args.device)
     with deferred_interrupt() as interruption, progress_bar(f"learning {args.learn}") as progress:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from holoview.bench.captures.speckle_meter import METERS, CameraLens, Meter, MeterReading
-from holoview.commands.arguments import checked_region, number, parse_seed, whole
+from holoview.commands.arguments import add_framing, checked_region, number, parse_seed, whole
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
 from holoview.holograms.hologram import Hologram
@@ -17,6 +17,7 @@ from holoview.holograms.metrics.grains import ContrastEstimate
 from holoview.holograms.metrics.likeness import Likeness, StructureLeft
 from holoview.holograms.metrics.sharpness import slanted_edge_mtf
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, visibility
+from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.target import Placement
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.holograms.view import simulate
@@ -40,9 +41,10 @@ def add_place(parser: argparse.ArgumentParser) -> None:
 
 
 def add_target(parser: argparse._ActionsContainer) -> None:
-    """Adds --target and --depth; see `target_from_args`."""
+    """Adds --target, --depth and --framing; see `target_from_args`."""
     add_input(parser, "--target", metavar="PICTURE", help="what it should show: its structure is divided out")
     add_input(parser, "--depth", metavar="PICTURE", help="its depth map: black is nearest to the viewer")
+    add_framing(parser)
 
 
 def target_from_args(
@@ -50,15 +52,21 @@ def target_from_args(
 ) -> TargetSource | None:
     """The target of --target for a bench; None without one. tell: called with each note on its files.
 
-    Raises UserError for --depth alone, and for bad files.
+    Raises UserError for --depth or --framing alone, and for bad files.
     """
+    check_needs_target(args)
     if args.target is None:
-        if args.depth is not None:
-            raise UserError("--depth", "without --target", expected="both, or neither")
         return None
-
-    file = TargetFile(str(args.target), Placement(depth=None if args.depth is None else Path(args.depth)))
+    depth = None if args.depth is None else Path(args.depth)
+    file = TargetFile(str(args.target), Placement(depth=depth, framing=args.framing))
     return TargetSource(system, file, tell)
+
+
+def check_needs_target(args: argparse.Namespace) -> None:
+    """Raises UserError for --depth or --framing without --target."""
+    for flag, is_given in (("--depth", args.depth is not None), ("--framing", args.framing != FILL)):
+        if args.target is None and is_given:
+            raise UserError(flag, "without --target", expected="both, or neither")
 
 
 def add_edge(parser: argparse.ArgumentParser) -> None:

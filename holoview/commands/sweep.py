@@ -20,7 +20,7 @@ from holoview.commands.arguments import add_changes, add_effects, number, parse_
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import NAMES_HELP, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input, add_output, hold_outputs
-from holoview.commands.speckle_options import add_place, add_target
+from holoview.commands.speckle_options import add_place, add_target, check_needs_target
 from holoview.commands.study import add_workers, execution_target
 from holoview.evidence.study.hologram_study import target_picture
 from holoview.evidence.study.runner import ResultStore
@@ -143,11 +143,11 @@ def _sweep(args: argparse.Namespace, axes: list[Axis], tolerances: list[Toleranc
         settings = Settings(iterations=iterations, seed=args.random)
     if args.cold and settings is None:
         raise UserError("--cold", "without --optimise", expected="both, or neither")
-    if args.target is None and args.depth is not None:
-        raise UserError("--depth", "without --target", expected="both, or neither")
+    check_needs_target(args)
     target = None
     if args.target is not None:
-        target = SweptTarget(str(Path(args.target).absolute()), _absolute(args.depth), args.brightness or 1.0)
+        path, brightness = str(Path(args.target).absolute()), args.brightness or 1.0
+        target = SweptTarget(path, _absolute(args.depth), brightness, args.framing)
     elif settings is not None or any(MEASURES[name].needs_target for name in names):
         picture = target_picture("still-life")
         print_stderr("note: without --target the still life that is part of holoview is the target")

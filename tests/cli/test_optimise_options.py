@@ -171,3 +171,22 @@ def test_options_of_the_optimiser_are_refused_with_a_named_method(
     assert outcome.code != 0
     assert "--method gerchberg-saxton" in outcome.err
     assert not (picture.parent / "simultaneous-picture.safetensors").exists()
+
+
+def test_a_picture_of_another_aspect_is_placed_as_framing_says(holoview: Run, tmp_path: Path) -> None:
+    """The score is that beside the target so placed, and the parts that are cut off or black are told."""
+    Image.linear_gradient("L").resize((30, 60)).convert("RGB").save(tmp_path / "portrait.png")
+    scores = []
+    for framing, said in (("fit", "black: 31 % left, 31 % right"), ("crop:0.5,0,0.5", "cut off: 25 % left, 25 % right")):
+        outcome = holoview("optimise", "simultaneous", "portrait.png", *QUICK, "--framing", framing, "--json")
+        assert outcome.code == 0 and said in outcome.err
+        scores.append(json.loads(outcome.out)["psnr_db"])
+    assert scores[0] != scores[1]
+    for refused in ("stretch", "crop:0.5", "crop:0,0,9"):
+        outcome = holoview("optimise", "simultaneous", "portrait.png", *QUICK, "--framing", refused)
+        assert outcome.code != 0 and "--framing" in outcome.err and "Traceback" not in outcome.err
+
+
+def test_framing_without_a_picture_is_refused(holoview: Run, tmp_path: Path) -> None:
+    outcome = holoview("contrast", "simultaneous", "--set", "shape=[24,32]", "--framing", "fit")
+    assert outcome.code != 0 and "--framing" in outcome.err and "--target" in outcome.err

@@ -105,3 +105,38 @@ def test_a_depth_map_is_framed_as_its_picture(tmp_path: Path) -> None:
     plain = hv.target_for(system, Picture(ramps, "ramps"), hv.Placement(at_m=5e-3)).stack
     framed = hv.target_for(system, Picture(ramps, "ramps"), hv.Placement(at_m=5e-3, framing=placement.framing)).stack
     assert not np.allclose(plain, framed)
+
+
+@pytest.mark.parametrize(
+    ("text", "framing"),
+    [
+        ("fill", FILL),
+        ("fit", Framing("fit")),
+        ("crop", Framing("crop")),
+        ("crop:0.25,1", Framing("crop", (0.25, 1.0))),
+        ("crop:0.25,1,0.5", Framing("crop", (0.25, 1.0), 0.5)),
+    ],
+)
+def test_a_framing_is_read_from_text(text: str, framing: Framing) -> None:
+    assert Framing.parse(text) == framing
+
+
+@pytest.mark.parametrize("text", ["", "stretch", "fit:1,1", "crop:", "crop:1", "crop:a,b", "crop:0,0,3", "crop:nan,0"])
+def test_another_text_is_refused(text: str) -> None:
+    with pytest.raises(UserError):
+        Framing.parse(text)
+
+
+def test_the_target_says_how_its_picture_was_placed(tmp_path: Path) -> None:
+    """A square picture on a bench twice as wide: a half is cut off, or as much is black as it takes."""
+    Image.new("RGB", (40, 40), "white").save(tmp_path / "square.png")
+    system = hv.load("simultaneous").with_(shape=[16, 32])
+    for framing, said in (
+        (FILL, "cut off: 25 % above, 25 % below"),
+        (Framing("fit"), "black: 25 % left, 25 % right"),
+    ):
+        target = hv.target_for(system, tmp_path / "square.png", hv.Placement(framing=framing))
+        assert any(said in note for note in target.notes)
+    wide = tmp_path / "wide.png"
+    Image.new("RGB", (80, 40), "white").save(wide)
+    assert not any("aspect" in note for note in hv.target_for(system, wide).notes)

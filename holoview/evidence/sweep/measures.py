@@ -1,7 +1,7 @@
 """What a sweep measures of a hologram on a bench: the numbers of `contrast`, `optimise`, `compare`, `render`.
 
 contrast         speckle contrast σ/μ of the luminance in a region, as `contrast`; with a target its structure is
-                 divided out
+                 divided out; not a number where it is withheld
 psnr             of linear sRGB to the target, mean over the planes, dB, as `optimise` and `compare`
 delta_e          mean CIEDE2000 to the target
 ms_ssim          multi-scale structural similarity to the target
@@ -13,6 +13,7 @@ luminance        mean luminance of the picture; 1 is the display's white
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,8 +88,9 @@ def measure_point(
     if "contrast" in names:
         shape = tuple(n * system.sampling.upsample for n in system.modulators[0].shape)
         measured = measure_hologram(hologram, at_m, region or central_region(shape), source)
-        found["contrast"] = measured.found.luminance.contrast
-        found["contrast_error"] = measured.found.luminance.standard_error
+        own, is_withheld = measured.found.luminance, bool(measured.found.withheld)
+        found["contrast"] = math.nan if is_withheld else own.contrast
+        found["contrast_error"] = math.nan if is_withheld else own.standard_error
     if {"light", "luminance"} & set(names):
         view = simulate(system, hologram.drive, [at_m], backend="torch")
         assert view.light is not None

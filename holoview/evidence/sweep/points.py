@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.hologram_job import RunOptions, optimise_hologram
 from holoview.holograms.optimise.parallel import resolve_torch_device
 from holoview.holograms.optimise.settings import Settings, next_settings
+from holoview.holograms.targets.framing import FILL, Framing
 from holoview.holograms.targets.target import Placement
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.holograms.view import random_drive
@@ -50,20 +51,22 @@ _FIRST = 3  # times the iterations of a point that begins with its neighbour's p
 
 @dataclass(frozen=True)
 class SweptTarget:
-    """The target's files and its brightness, a factor on linear light."""
+    """The target's files, its brightness, a factor on linear light, and how a picture of another aspect is placed."""
 
     picture: str
     depth: str | None = None
     brightness: float = 1.0
+    framing: Framing = FILL
 
     def source(self, system: System, tell: TextCallback = lambda text: None) -> TargetSource:
         """The target for a bench. Raises UserError for files that can't be read."""
-        placement = Placement(depth=None if self.depth is None else Path(self.depth))
+        placement = Placement(depth=None if self.depth is None else Path(self.depth), framing=self.framing)
         return TargetSource(system, TargetFile(self.picture, placement, brightness=self.brightness), tell)
 
     def identity(self) -> list[Any]:
         """What says whether its files are still the same."""
-        return [self.picture, self.depth, self.brightness, _digest_of(self.picture), _digest_of(self.depth)]
+        placed = [] if self.framing == FILL else [asdict(self.framing)]
+        return [self.picture, self.depth, self.brightness, _digest_of(self.picture), _digest_of(self.depth), *placed]
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,8 @@ that a caller has. With M' of the other target, the share of the structure of M'
 shown and 1 where M' is. The other one is better where this share is above a half by two standard errors, in what four
 blocks hold or more, and the reverse, that of M/M' in I/M', isn't. That is said, and the contrast is withheld where C is
 a tenth above what the other one leaves. A hologram of few pixels or iterations shows at its first and last planes what
-is between them, so that another plane's target fits better by up to a fifth: there the limit is this, and 10 % r.m.s.
+is between them, and its tones aren't yet right, so that the target of another plane or with a tone curve fits better by
+up to a fifth: there the limit is this, and 10 % r.m.s.
 
 A target with hardly any structure decides nothing, and changes nothing: division by a T that isn't shown raises C by
 about C_T²/2C, which exceeds the standard error of C, C/√(2n) of n grains, only where b is known to C/(C_T·√n) =
@@ -94,7 +95,7 @@ _REACH = 4.0  # standard deviations of a blur
 _FARTHEST = 32  # samples, or a quarter of a region, by which a target is looked for
 _FLOOR = 0.05  # of the mean: darker samples tell no displacement
 _LEAST_BLOCKS = 4.0  # that tell a better target
-_MOST_ABOVE, _MOST_ABOVE_PLANES = 1.1, 1.2  # of a contrast over what a better target leaves, or one of another plane
+_MOST_ABOVE, _MOST_ABOVE_COMMON = 1.1, 1.2  # of a contrast over what a better target leaves, or a common one
 _MOST_WORSE = 1.05  # of a contrast that another target leaves with the same blur, beyond which it isn't looked into
 _MOST_STEPS = 8  # to the displacement that fits best
 _SIGNAL = 2.2  # power of a display
@@ -140,22 +141,22 @@ class BetterTarget:
     """Another target that a picture fits clearly better than the one it is measured beside.
 
     what: the other one, in words that go on "the target". contrast, given: that are left by it and by the given one,
-    over the samples that both light. displacement_px: (y, x) of the given one; 0 of others. is_other_plane: whether it
-    belongs to another plane.
+    over the samples that both light. displacement_px: (y, x) of the given one; 0 of others. is_common: whether a
+    hologram of the right target may fit it, too: that of another plane, one with a tone curve.
     """
 
     what: str
     contrast: float
     given: float
     displacement_px: tuple[int, int] = (0, 0)
-    is_other_plane: bool = False
+    is_common: bool = False
 
     @property
     def decides(self) -> bool:
         """Whether the contrast beside the given target is too far off to be stated."""
-        if not self.is_other_plane:
+        if not self.is_common:
             return self.given > _MOST_ABOVE * self.contrast
-        return self.given > max(_MOST_ABOVE_PLANES * self.contrast, math.hypot(self.contrast, _MOST_UNEVEN))
+        return self.given > max(_MOST_ABOVE_COMMON * self.contrast, math.hypot(self.contrast, _MOST_UNEVEN))
 
     @property
     def text(self) -> str:
@@ -416,23 +417,20 @@ def _better_target(
     by_px, fits = _displacement(values, target, region), list[BetterTarget]()
     moved = {} if by_px == (0, 0) else {_displacement_in_words(by_px): np.asarray(displaced(target, by_px))}
     light, known = np.clip(target, 0.0, None), {name: target_luminance(of, region) for name, of in others.items()}
-    rivals: dict[str, NDArray[Any]] = {
-        **moved,
-        "mirrored": target[:, ::-1],
-        "upside down": target[::-1],
-        "turned by 180°": target[::-1, ::-1],
+    common = {
         "read as a signal, not as light,": light**_SIGNAL,
         "read as light, not as a signal,": light ** (1 / _SIGNAL),
         **{name: of for name, of in known.items() if of is not None},
     }
+    turned = {"mirrored": target[:, ::-1], "upside down": target[::-1], "turned by 180°": target[::-1, ::-1]}
     most = _MOST_WORSE * _contrast_left(values, shown)
-    for what, rival in rivals.items():
-        rival = np.asarray(rival, dtype=np.float64)
+    for what, of in (moved | turned | common).items():
+        rival = np.asarray(of, dtype=np.float64)
         if _contrast_left(values, _blurred(_around(rival, region, _radius(blur_px)), blur_px)) > most:
             continue
         _, fitted = _resolved(values, rival, region)
         if (contrasts := _contrasts_if_better(values, shown, fitted)) is not None:
-            fits.append(BetterTarget(what, *contrasts, by_px if what in moved else (0, 0), what in known))
+            fits.append(BetterTarget(what, *contrasts, by_px if what in moved else (0, 0), what in common))
     return min(fits, key=lambda of: of.contrast / of.given, default=None)
 
 

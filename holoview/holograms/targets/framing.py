@@ -8,6 +8,7 @@ crop   a part of the grid's aspect, as large and where it is said
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 from holoview.util.errors import UserError
 
@@ -40,6 +41,26 @@ class Framing:
             raise UserError("framing", f"a share of {self.share:g}", expected=f"{LEAST_SHARE:g} to 1")
         if not all(0 <= value <= 1 for value in self.centre):
             raise UserError("framing", f"a centre at {self.centre}", expected="fractions of the picture, 0 to 1")
+
+    @classmethod
+    def parse(cls, text: str, where: str = "framing") -> Framing:
+        """The framing of text: "fill", "fit", "crop", or "crop:X,Y" and "crop:X,Y,SHARE" in fractions.
+
+        Raises UserError for other text, and as the constructor does.
+
+        >>> Framing.parse("crop:0.25,0.5,0.8")
+        Framing(kind='crop', centre=(0.25, 0.5), share=0.8)
+        """
+        kind, has_numbers, rest = text.partition(":")
+        expected = "fill, fit, crop, or crop:X,Y,SHARE in fractions of the picture, e.g. crop:0.5,0.3,0.8"
+        try:
+            numbers = [float(part) for part in rest.split(",")] if has_numbers else []
+        except ValueError:
+            numbers = [-1.0]
+        if kind not in KINDS or (has_numbers and (kind != "crop" or len(numbers) not in (2, 3) or min(numbers) < 0)):
+            raise UserError(where, f'"{text}"', expected=expected)
+        x, y, share = chain(numbers, (0.5, 0.5, 1.0)[len(numbers) :])
+        return cls(kind, (x, y), share)
 
     def window(self, picture: tuple[int, int], grid: tuple[int, int]) -> tuple[float, float, float, float]:
         """The part of a picture of a shape (y, x) that a grid of a shape shows: left, top, width, height in its pixels.

@@ -122,6 +122,8 @@ def target_for(
         pupil = pupil_of_eye(system, system.eye, planes_m)
     stack = _render(plan, rgb, depth_m, planes_m, pupil)
     notes = source.notes if placement.depth is None else (*source.notes, *depth_notes(placement.depth))
+    if placed := placement.framing.describe(source.rgb.shape[:2], grid.shape):
+        notes = (*notes, f"another aspect than the bench's {grid.shape[1]} × {grid.shape[0]} samples; {placed}")
     return Target.from_stack(stack, planes_m, source.source, brightness, notes)
 
 

@@ -323,20 +323,19 @@ function betterTarget(values, target, shown, region, blocks, others) {
     const by = displacementOf(values, target, region)
     const words = [[by[1], "to the right", "to the left"], [by[0], "down", "up"]].filter(([n]) => n)
     const moved = words.map(([n, ahead, back]) => `${Math.abs(n)} px ${n < 0 ? back : ahead}`).join(" and ")
-    const rivals = [
+    const turned = [
         ["mirrored", rearranged(target, (y, x) => [y, width - 1 - x])],
         ["upside down", rearranged(target, (y, x) => [rows - 1 - y, x])],
         ["turned by 180°", rearranged(target, (y, x) => [rows - 1 - y, width - 1 - x])],
-        ["read as a signal, not as light,", curve(2.2)],
-        ["read as light, not as a signal,", curve(1 / 2.2)],
     ]
-    if (moved) rivals.unshift([`displaced by ${moved}`, rearranged(target, (y, x) => [y - by[0], x - by[1]])])
+    const common = [["read as a signal, not as light,", curve(2.2)], ["read as light, not as a signal,", curve(1 / 2.2)], ...others]
+    if (moved) turned.unshift([`displaced by ${moved}`, rearranged(target, (y, x) => [y - by[0], x - by[1]])])
     const most = 1.05 * contrastLeft(values, shown.wanted)
     let best = null
-    for (const [what, rival] of [...rivals, ...others]) {
+    for (const [what, rival] of [...turned, ...common]) {
         if (contrastLeft(values, blurredTarget(targetAround(rival, region), region, shown.blur)) > most) continue
         const fitted = shownTarget(values, rival, region), found = fitted && contrastsIfBetter(values, shown.wanted, fitted.wanted, blocks)
-        if (found && (!best || found.contrast / found.given < best.contrast / best.given)) best = { what, ...found, isOtherPlane: others.some(([name]) => name === what) }
+        if (found && (!best || found.contrast / found.given < best.contrast / best.given)) best = { what, ...found, isCommon: common.some(([name]) => name === what) }
     }
     return best
 }
@@ -344,8 +343,8 @@ function betterTarget(values, target, shown, region, blocks, others) {
 // Why a contrast isn't to be stated beside a better target; "" where it is.
 function whyAnother(better) {
     if (!better) return ""
-    const { contrast, given, what, isOtherPlane } = better
-    if (given <= (isOtherPlane ? Math.max(1.2 * contrast, Math.hypot(contrast, 0.1)) : 1.1 * contrast)) return ""
+    const { contrast, given, what, isCommon } = better
+    if (given <= (isCommon ? Math.max(1.2 * contrast, Math.hypot(contrast, 0.1)) : 1.1 * contrast)) return ""
     return `the target isn't what is shown here: ${what} it leaves a contrast of ${contrast.toFixed(3)}, as it is ${given.toFixed(3)}`
 }
 
