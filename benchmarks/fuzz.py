@@ -4,8 +4,9 @@
     python -m benchmarks.fuzz --minutes 60 --families "MATLAB elements" TIFF
     python -m benchmarks.fuzz --corpus
 
-Two in three cases are files that somebody wrote to do harm (`tests/fuzz/hostile_files`), the others valid files with
-damage, and values of options (`tests/fuzz/mutations`).
+Half of the cases are files that somebody wrote to do harm (`tests/fuzz/hostile_files`), a quarter each numbers that are
+measured of what doesn't fit (`tests/fuzz/measured`), and valid files with damage and values of options
+(`tests/fuzz/mutations`).
 
 Each case runs in a process of its own with limits of time and memory (`tests/fuzz`). It must end "clear", refused in
 one line, or "worked", with finite results; a case that ends otherwise is printed with what it takes to run it again.
@@ -28,6 +29,8 @@ from tests.fuzz import corpus, corpus_binary
 from tests.fuzz.field_files import hostile_fields
 from tests.fuzz.hostile_files import FAMILIES as HOSTILE
 from tests.fuzz.hostile_files import hostile_cases
+from tests.fuzz.measured import MAKERS as MEASURED
+from tests.fuzz.measured import measured_cases
 from tests.fuzz.mutations import random_cases
 from tests.fuzz.trial import ACCEPTABLE, VERDICTS, Case, Limits, Outcome, preload, run_case
 
@@ -96,11 +99,14 @@ def sample(seed: int, count: int) -> list[Case]:
 
 
 def all_random_cases(seed: int, families: Sequence[str] | None = None) -> Iterator[Case]:
-    """Cases without end: two hostile files, then a damaged one or an option. families: only these."""
-    hostile = hostile_cases(seed, families) if families is None or set(families) & set(HOSTILE) else iter(())
-    damaged = random_cases(seed, families) if families is None or set(families) - set(HOSTILE) else iter(())
+    """Cases without end: two hostile files, a measured number, a damaged file or an option. families: only these."""
+    asked = None if families is None else set(families)
+    hostile = hostile_cases(seed, families) if asked is None or asked & set(HOSTILE) else iter(())
+    measured = measured_cases(seed, families) if asked is None or asked & set(MEASURED) else iter(())
+    damaged = random_cases(seed, families) if asked is None or asked - set(HOSTILE) - set(MEASURED) else iter(())
     while True:
         yield from islice(hostile, 2)
+        yield from islice(measured, 1)
         yield from islice(damaged, 1)
 
 

@@ -360,7 +360,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
         else:
             whole, light = photographs[0], np.tensordot(lasers.luminances, lasers.intensity, axes=1)
             noise = lasers.noise and SumNoise.of(lasers.luminances, lasers.intensity, lasers.noise)
-    chosen = region or central_region(light.shape)
+    chosen = checked_region(region or central_region(light.shape), light.shape, "--region")
     saturated = {note: None for photo in {id(p): p for p in (*photographs, whole)}.values() for note in (
         check_saturation(photo, chosen, statements)
     )}  # fmt: skip

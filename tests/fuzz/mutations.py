@@ -183,7 +183,7 @@ def damaged_virtual_bench(rng: Random) -> Case:
 def damaged_web_page(rng: Random) -> Case:
     """A hologram as a web page, with damage to its text, its JSON or its unpacked data, opened by a link at random."""
     data = valid("web page")["page.html"]
-    damages = (_damaged_json, _damaged_data, lambda data, rng: bytes(_damage(bytearray(data), rng)))
+    damages = (_damaged_json, _damaged_data, lambda data, rng: bytes(damage(bytearray(data), rng)))
     page = damages[int(rng.integers(len(damages)))](data, rng)
     keys = ("plane", "gap", "laser1", "power2", "wavelength1", "pupil", "view", "x", "")
     parts = [f"{keys[int(rng.integers(len(keys)))]}={_WORDS[int(rng.integers(len(_WORDS)))]}" for _ in range(2)]
@@ -222,7 +222,7 @@ def _damaged_data(data: bytes, rng: Random) -> bytes:
     """The binary data, unpacked, damaged and packed again."""
 
     def edit(text: bytes) -> bytes:
-        return base64.b64encode(zlib.compress(_damage(bytearray(zlib.decompress(base64.b64decode(text))), rng)))
+        return base64.b64encode(zlib.compress(damage(bytearray(zlib.decompress(base64.b64decode(text))), rng)))
 
     return _with_part(data, b"holoview-data-0", edit)
 
@@ -248,11 +248,11 @@ def damaged_field(rng: Random) -> Case:
 
 
 def _preparation(kind: str, file: str, rng: Random) -> Callable[[Path], None]:
-    data = _damage(bytearray(valid(kind)[file]), rng)
+    data = damage(bytearray(valid(kind)[file]), rng)
     return lambda folder: write(folder, valid(kind) | {file: bytes(data)})
 
 
-def _damage(data: bytearray, rng: Random) -> bytearray:
+def damage(data: bytearray, rng: Random) -> bytearray:
     """One to three kinds of damage, in place."""
     for _ in range(int(rng.integers(1, 4))):
         if data:

@@ -52,7 +52,7 @@ _PRELOADED = (
         "scipy.io",
     ),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
-    *(f"holoview.commands.{name}" for name in ("rig", "measure")),
+    *(f"holoview.commands.{name}" for name in ("rig", "measure", "contrast", "compare")),
 )
 _POLL_S = 0.01
 

@@ -77,7 +77,7 @@ class PixelNoise:
 
     def variance(self, light: Floats) -> Floats:
         """Variance of counts whose light is known but for this noise."""
-        shot = 0.0 if self.electrons_per_count is None else np.maximum(light, 0.0) / self.electrons_per_count
+        shot = np.maximum(light, 0.0) / (math.inf if self.electrons_per_count is None else self.electrons_per_count)
         return np.asarray(shot + self.read_noise_counts**2)
 
 

@@ -162,9 +162,9 @@ def measure_image_quality(view: View, stack: NDArray[np.floating], region: Regio
 
 
 def central_region(shape: tuple[int, ...]) -> Region:
-    """The central half of an image of (rows, columns), as (x, y, w, h)."""
+    """The central half of an image of (rows, columns), as (x, y, w, h); at least a sample."""
     rows, columns = shape[0], shape[1]
-    return columns // 4, rows // 4, columns // 2, rows // 2
+    return columns // 4, rows // 4, max(columns // 2, 1), max(rows // 2, 1)
 
 
 def plane_midpoints(planes_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -84,7 +84,8 @@ class Photograph:
             return self.noise
         weights, means = SRGB_TO_XYZ[1], np.maximum(self.light.mean(axis=(0, 1)), 0.0)
         factor = float(np.square(weights) @ means / max(float(weights @ means), 1e-30))
-        gain = None if self.noise.electrons_per_count is None else self.noise.electrons_per_count / factor
+        known = self.noise.electrons_per_count
+        gain = None if known is None or factor == 0 else known / factor  # a black picture has no shot noise
         return PixelNoise(gain, self.noise.read_noise_counts * float(np.linalg.norm(weights)), self.noise.gain_error)
 
     @property

@@ -36,6 +36,7 @@ from holoview.util.progress import ProgressCallback
 Floats = NDArray[np.float64]
 
 _DIRECTIONS = 64  # along each side of the first order
+_FAINTEST = 1e-100  # squares of it, and of 1 over it, are numbers
 TARGET_FLOOR = 0.05
 """Least target value, as a fraction of its mean in the region, of a pixel that counts."""
 
@@ -101,6 +102,10 @@ def speckle_pattern(
         raise UserError("image", f"shape {image.shape}", expected="one channel, (y, x)", remedy="take its luminance")
     window = _checked_slices(region, image.shape[1], image.shape[0])
     values = image[window]
+    greatest = float(np.abs(values).max())
+    if greatest > 0 and not _FAINTEST < greatest < 1 / _FAINTEST:
+        expected = f"between {_FAINTEST:g} and {1 / _FAINTEST:g}"
+        raise UserError("image", f"numbers up to {greatest:.3g} in the region", expected=expected, remedy="scale it")
     if target is None:
         return SpecklePattern(values, np.ones(values.shape, dtype=bool))
     target_image = np.asarray(target, dtype=np.float64)
