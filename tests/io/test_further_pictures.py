@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, features
 
-from holoview.holograms.files.image_reader import animation_count, file_format
+from holoview.holograms.files.image_reader import animation_count, coded_bits, file_format, read_raster
 from holoview.holograms.targets.focal_stack import Film
 from holoview.holograms.targets.live_pictures import open_live_pictures
 from holoview.holograms.targets.picture import read_picture
@@ -43,6 +43,35 @@ def test_avif_is_read(tmp_path: Path) -> None:
     assert file_format(path) == "AVIF"
     found, slope = read_picture(path).rgb, 2.4 / 255 * 1.06  # of the transfer function, at most
     assert np.abs(found - srgb_decode(codes / 255.0)).max() < 3 * slope
+
+
+@pytest.mark.skipif(not features.check("avif"), reason="this Pillow has no decoder of AVIF")
+def test_all_bits_of_avif_are_read_or_it_is_said(tmp_path: Path) -> None:
+    """A ramp of 10 bits, written without losses, has steps of 1/1023; a decoder of 8 bits would round them to 1/255."""
+    imagecodecs = pytest.importorskip("imagecodecs")
+    path, codes = tmp_path / "ramp.avif", np.arange(400, 640, dtype=np.uint16).reshape(12, 20)
+    colours = np.repeat(codes[..., None], 3, axis=-1)
+    path.write_bytes(imagecodecs.avif_encode(colours, level=100, bitspersample=10, pixelformat="444"))
+    raster = read_raster(path)
+    assert raster.white == 1023 and not any("8 are read" in note for note in raster.notes)
+    assert np.abs(raster.values - colours / 1023).max() < 1.1 / 1023
+    clear = np.concatenate([colours, np.full((12, 20, 1), 500, np.uint16)], axis=-1)
+    path.write_bytes(imagecodecs.avif_encode(clear, level=100, bitspersample=10, pixelformat="444"))
+    assert any("10 bits a channel, of which 8 are read" in note for note in read_raster(path).notes)
+
+
+@pytest.mark.parametrize(
+    ("data", "bits"),
+    [
+        (b"....pixi\0\0\0\0\3\x0a\x0a\x0a....", 10),
+        (b"....av1C\x81\x20\x60\0", 12),
+        (b"....hvcC" + bytes(17) + b"\xfa" + bytes(4), 10),
+        (b"....pixi", 8),
+        (b"", 8),
+    ],
+)
+def test_the_bits_that_a_file_states(data: bytes, bits: int) -> None:
+    assert coded_bits(data) == bits
 
 
 def test_the_name_doesnt_matter(tmp_path: Path) -> None:

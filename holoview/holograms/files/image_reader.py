@@ -256,7 +256,39 @@ def _read_boxed(kind: str, path: Path, white: int | None) -> list[Raster]:
     elif not features.check(_PILLOW_DECODERS[kind]):
         remedy = "install Pillow 11.3 or newer, or save it as PNG or JPEG"
         raise UserError(str(path), f"is a picture of kind {kind}, of which no decoder is installed", remedy=remedy)
-    return [_read_with_pillow(path, kind)]
+    raster = _read_with_pillow(path, kind)
+    bits = 8 if kind == "WebP" else coded_bits(read_bytes(path, READABLE_FORMATS))
+    return [raster if bits == 8 else _with_all_bits(path, kind, raster, bits)]
+
+
+def coded_bits(data: bytes) -> int:
+    """Bits of a channel that an AVIF or HEIC file states: of its pixels, or of its coder; 8 where neither is stated.
+
+    Boxes `pixi` of ISO/IEC 23008-12, `av1C` of AV1's binding to it, `hvcC` of ISO/IEC 14496-15.
+    """
+    at = {name: data.find(name) + 4 for name in (b"pixi", b"av1C", b"hvcC")}
+    pixels = data[at[b"pixi"] + 5 :][: data[at[b"pixi"] + 4]] if 4 <= at[b"pixi"] < len(data) - 4 else b""
+    if pixels:
+        return max(pixels)
+    if 4 <= at[b"av1C"] < len(data) - 2:
+        flags = data[at[b"av1C"] + 2]
+        return 12 if flags & 0x20 else 10 if flags & 0x40 else 8
+    return 8 + (data[at[b"hvcC"] + 17] & 7) if 4 <= at[b"hvcC"] < len(data) - 17 else 8
+
+
+def _with_all_bits(path: Path, kind: str, raster: Raster, bits: int) -> Raster:
+    """A raster of 8 bits with all that the file holds, where a decoder of them is installed; else it is said."""
+    part = replace(raster, notes=(*raster.notes, f"{bits} bits a channel, of which 8 are read"))
+    if kind != "AVIF" or importlib.util.find_spec("imagecodecs") is None or raster.alpha is not None:
+        return part
+    codecs = importlib.import_module("imagecodecs")
+    try:
+        decoded = np.asarray(codecs.avif_decode(read_bytes(path, READABLE_FORMATS), index=0))
+    except (codecs.AvifError, codecs.DelayedImportError, ValueError, IndexError):
+        return part
+    values = decoded.astype(np.float64) / ((1 << bits) - 1)
+    is_same = values.shape == raster.values.shape and float(np.abs(values - raster.values).max()) < _MOST_BITS_OFF
+    return replace(raster, values=values, white=(1 << bits) - 1) if is_same else part  # else turned, or other colours
 
 
 def _read_with_pillow(path: Path, kind: str) -> Raster:
@@ -297,6 +329,7 @@ def _decode_with_pillow(path: Path, kind: str) -> Raster:
 MAX_PIXELS = 1 << 27
 """Larger pictures are refused, since a damaged header may claim any size."""
 
+_MOST_BITS_OFF = 3 / 255  # between the decoders of 8 and of all bits
 _SAMPLE_BYTES, _PIXEL_BYTES = 16, 32
 """Memory at the peak of reading a picture as light: for each stored sample, and for each pixel in three colours."""
 
