@@ -16,6 +16,7 @@ from holoview.commands import cli
 from holoview.holograms.metrics.photograph import censored_estimate
 from holoview.holograms.metrics.speckle import speckle_pattern
 from holoview.light.colour import observer_weights, srgb_encode
+from holoview.util.errors import UserError
 
 SIDE, GAIN, READ, BLACK = 200, 4.0, 8.0, 64.0
 Floats = NDArray[np.float64]
@@ -249,3 +250,28 @@ def test_the_camera_s_noise_is_taken_off_groups_and_of_lasers_added(
     ):
         assert abs(stated["contrast"] - known_contrast) < 5 * stated["standard_error"], name
         assert stated["standard_error"] < 0.02 * known_contrast, "so that the noise would show"
+
+
+def test_without_a_known_gain_read_noise_alone_is_taken_off(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Light that isn't whole counts tells no gain: of one picture, of one beside a target, and of two lasers."""
+    for name, seed in (("one", 0), ("two", 1)):
+        tifffile.imwrite(f"{name}.tiff", (100 * _light(4, seed=seed)).astype(np.float32))
+    known = _contrast(_light(4))
+    for more in ((), ("two.tiff", "--lasers", "638,450nm")):
+        found = _measured(capsys, "one.tiff", *more, "--black", "0", "--linear", *WHOLE)
+        assert found["contrast"] == pytest.approx(known / np.sqrt(1 + bool(more)), rel=0.2)
+
+
+def test_pictures_in_which_nothing_can_be_measured_are_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Black in colour beside its own dark picture; a pixel; saturated throughout; numbers that have no squares."""
+    Image.new("RGB", (16, 12)).save("black.png")
+    assert "usable pixels of mean 0" in _refused(capsys, "black.png", "--dark", "black.png", "--linear", "--gain", "2")
+    tifffile.imwrite("pixel.tiff", np.full((1, 1), 9, np.uint16))
+    assert "usable pixels" in _refused(capsys, "pixel.tiff", "--black", "1", "--linear")
+    tifffile.imwrite("even.tiff", np.full((12, 16), 4095, np.uint16))
+    undo = ("--black", "1", "--gain", "3", "--linear", "--saturation", "undo")
+    assert "no two levels" in _refused(capsys, "even.tiff", *undo)
+    with pytest.raises(UserError, match="numbers up to 1e"):
+        speckle_pattern(np.full((4, 4), 1e200))

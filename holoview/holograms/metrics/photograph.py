@@ -265,7 +265,8 @@ def censored_estimate(pattern: SpecklePattern, level: float) -> ContrastEstimate
 
     level: intensity from which a pixel is saturated, in the unit of the image. Pixels below 2 % of the mean count as
     that dark, no more: noise spoils their logarithm. With shape N the contrast is 1/√N; the standard error follows from
-    the curvature of the likelihood, n grains counting as n samples.
+    the curvature of the likelihood, n grains counting as n samples. Raises UserError where hardly a pixel isn't
+    saturated.
     """
     values = pattern.counted / pattern.contrast.mean
     limits = np.broadcast_to(level / (np.asarray(pattern.unit) * pattern.contrast.mean), pattern.values.shape)
@@ -274,6 +275,13 @@ def censored_estimate(pattern: SpecklePattern, level: float) -> ContrastEstimate
     values, limits = values[::step], limits[::step]
     is_bright, is_dark = values >= limits * (1 - 1e-9), values < _LEAST_LIGHT
     between = values[~is_bright & ~is_dark]
+    if np.unique(between).size < 2:
+        raise UserError(
+            "region",
+            "no two levels between the dark and the saturated",
+            expected="light that varies",
+            remedy="expose less",
+        )
     sums = between.size, float(np.log(between).sum()), float(between.sum())
     bright, dark = np.unique(limits[is_bright], return_counts=True), int(is_dark.sum())
 
