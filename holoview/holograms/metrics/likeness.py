@@ -113,6 +113,11 @@ class Likeness:
         """The share less two standard errors."""
         return self.share - _SIGMAS * self.standard_error
 
+    @property
+    def at_most(self) -> float:
+        """The share and two standard errors more."""
+        return self.share + _SIGMAS * self.standard_error
+
 
 @dataclass(frozen=True)
 class StructureLeft:
@@ -222,7 +227,9 @@ def luminance_contrast(
         return replace(found, displacement_px=better.displacement_px)
     reason = _why_withheld(alike, left, pattern, raw.contrast)
     if better is not None and better.decides:
-        reason = f"the target isn't what is shown here: {better.text}"
+        is_shown_in_part = better.is_common and alike.at_most < LEAST_SHARE
+        said = reason if is_shown_in_part else "the target isn't what is shown here"
+        reason = f"{said}; {better.text}"
     if reason:
         own = contrast_estimate(plain, own_noise)
         return LuminanceContrast(own, plain, raw, False, reason, alike, blur_px, left, better)
@@ -243,7 +250,7 @@ def contrasts_of_planes(
 
 def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpecklePattern, raw: float) -> str:
     """Why a contrast isn't to be stated; "" where it is."""
-    if alike.share + _SIGMAS * alike.standard_error < LEAST_SHARE:
+    if alike.at_most < LEAST_SHARE:
         return (
             f"the picture doesn't show the target here: it has {100 * alike.share:.0f} ± "
             f"{100 * alike.standard_error:.0f} % of its structure"

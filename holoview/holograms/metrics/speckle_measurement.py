@@ -20,7 +20,7 @@ With the mean luminance m of each laser, its contrast C and the correlations ρ 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -34,6 +34,7 @@ from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumN
 from holoview.holograms.metrics.likeness import (
     BetterTarget,
     Likeness,
+    LuminanceContrast,
     StructureLeft,
     displaced,
     luminance_contrast,
@@ -281,27 +282,12 @@ def measure_speckle(
     Raises UserError for a region that is outside, dark or a single pixel: a contrast isn't defined there.
     """
     measured = luminance_contrast(luminance, region, target, noise, others, is_aligned=is_aligned)
-    estimate, notes, alike = measured.estimate, list[str](), measured.likeness
+    estimate, notes = measured.estimate, list[str]()
     if target is not None and not measured.has_target and not measured.withheld:
         notes.append("the target is black in the region: its structure isn't divided out")
     if estimate.noise_share > 0 and estimate.contrast == 0:
         notes.append("the camera's noise explains all of the variance: no speckle is left")
-    if measured.has_target and measured.better is not None:
-        notes.append(f"another target fits better: {measured.better.text}")
-    if measured.has_target and alike is not None and math.isfinite(alike.standard_error) and alike.at_least < 0:
-        notes.append(
-            f"whether the target is shown can't be told here: the picture has {100 * alike.share:.0f} ± "
-            f"{100 * alike.standard_error:.0f} % of its structure; structure of another kind would count as speckle"
-        )
-    if any(measured.displacement_px):
-        down, right = measured.displacement_px
-        notes.append(f"the target was moved to where it fits, {right} samples to the right and {down} down")
-    if measured.has_target and measured.left is not None:
-        notes += [
-            f"{100 * of.share:.0f} ± {100 * of.standard_error:.0f} % of the variance beside the target {what}, which "
-            "speckle doesn't: the contrast comes out too high"
-            for of, what in measured.left.doubtful
-        ]
+    notes += _notes_beside_target(measured)
     if estimate.has_few_grains:
         notes.append(
             f"the region holds {estimate.grains.count:.0f} independent grains only: its contrast and the standard "
@@ -329,6 +315,28 @@ def measure_speckle(
     if target is not None and measured.has_target:
         shown = shown_target(displaced(target, measured.displacement_px), region, measured.blur_px)
     return _with_lasers(plain, lasers, shown)
+
+
+def _notes_beside_target(measured: LuminanceContrast) -> Iterator[str]:
+    """What is doubtful of a contrast beside a target, and where the target was moved to."""
+    if any(measured.displacement_px):
+        down, right = measured.displacement_px
+        yield f"the target was moved to where it fits, {right} samples to the right and {down} down"
+    if not measured.has_target:
+        return
+    if measured.better is not None:
+        yield f"another target fits better: {measured.better.text}"
+    alike = measured.likeness
+    if alike is not None and math.isfinite(alike.standard_error) and alike.at_least < 0:
+        yield (
+            f"whether the target is shown can't be told here: the picture has {100 * alike.share:.0f} ± "
+            f"{100 * alike.standard_error:.0f} % of its structure; structure of another kind would count as speckle"
+        )
+    for of, what in () if measured.left is None else measured.left.doubtful:
+        yield (
+            f"{100 * of.share:.0f} ± {100 * of.standard_error:.0f} % of the variance beside the target {what}, which "
+            "speckle doesn't: the contrast comes out too high"
+        )
 
 
 def _with_lasers(

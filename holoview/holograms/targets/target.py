@@ -121,10 +121,14 @@ def target_for(
     if pupil is None and system.eye is not None:
         pupil = pupil_of_eye(system, system.eye, planes_m)
     stack = _render(plan, rgb, depth_m, planes_m, pupil)
-    notes = source.notes if placement.depth is None else (*source.notes, *depth_notes(placement.depth))
-    if placed := placement.framing.describe(source.rgb.shape[:2], grid.shape):
-        notes = (*notes, f"another aspect than the bench's {grid.shape[1]} × {grid.shape[0]} samples; {placed}")
-    return Target.from_stack(stack, planes_m, source.source, brightness, notes)
+    return Target.from_stack(stack, planes_m, source.source, brightness, _notes(source, placement, grid.shape))
+
+
+def _notes(source: Picture, placement: Placement, shape: tuple[int, int]) -> tuple[str, ...]:
+    """What was done with a picture and its depth map on samples of a shape (y, x)."""
+    placed = placement.framing.describe(source.rgb.shape[:2], shape)
+    own = (f"another aspect than the bench's {shape[1]} × {shape[0]} samples; {placed}",) if placed else ()
+    return (*source.notes, *(() if placement.depth is None else depth_notes(placement.depth)), *own)
 
 
 def _render(

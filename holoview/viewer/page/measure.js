@@ -340,12 +340,13 @@ function betterTarget(values, target, shown, region, blocks, others) {
     return best
 }
 
-// Why a contrast isn't to be stated beside a better target; "" where it is.
-function whyAnother(better) {
-    if (!better) return ""
+// Why a contrast isn't to be stated beside a better target; `reason` where that doesn't decide. alike: to the given one.
+function whyAnother(better, alike, reason) {
+    if (!better) return reason
     const { contrast, given, what, isCommon } = better
-    if (given <= (isCommon ? Math.max(1.2 * contrast, Math.hypot(contrast, 0.1)) : 1.1 * contrast)) return ""
-    return `the target isn't what is shown here: ${what} it leaves a contrast of ${contrast.toFixed(3)}, as it is ${given.toFixed(3)}`
+    if (given <= (isCommon ? Math.max(1.2 * contrast, Math.hypot(contrast, 0.1)) : 1.1 * contrast)) return reason
+    const first = isCommon && alike.share + 2 * alike.error < 0.5 ? reason : "the target isn't what is shown here"
+    return `${first}; ${what} it leaves a contrast of ${contrast.toFixed(3)}, as it is ${given.toFixed(3)}`
 }
 
 // Why a contrast isn't to be stated; "" where it is. ratio, usable: of `structureFree`.
@@ -388,8 +389,9 @@ function speckle(xyz, width, region, target = null, others = []) {
     let values = plain, { mean, std } = raw, withheld = "", divided = false
     if (shown) {
         const free = structureFree(plain, shown.wanted), counted = free.ratio.filter((_, k) => free.usable[k]), own = moments(counted)
-        withheld = whyAnother(betterTarget(plain, target, shown, region, blocksOf(region), others))
-        withheld ||= whyWithheld(plain, shown.wanted, free, region, { ...own, contrast: own.std / own.mean }, rawContrast)
+        const blocks = blocksOf(region), alike = likeness(plain, shown.wanted, blocks)
+        const reason = whyWithheld(plain, shown.wanted, free, region, { ...own, contrast: own.std / own.mean }, rawContrast)
+        withheld = whyAnother(betterTarget(plain, target, shown, region, blocks, others), alike, reason)
         if (!withheld) [values, mean, std, divided] = [counted, own.mean, own.std, true]
     }
     const histogram = new Array(32).fill(0)
