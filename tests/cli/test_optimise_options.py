@@ -177,7 +177,8 @@ def test_a_picture_of_another_aspect_is_placed_as_framing_says(holoview: Run, tm
     """The score is that beside the target so placed, and the parts that are cut off or black are told."""
     Image.linear_gradient("L").resize((30, 60)).convert("RGB").save(tmp_path / "portrait.png")
     scores = []
-    for framing, said in (("fit", "black: 31 % left, 31 % right"), ("crop:0.5,0,0.5", "cut off: 25 % left, 25 % right")):
+    parts = {"fit": "black: 31 % left, 31 % right", "crop:0.5,0,0.5": "cut off: 25 % left, 25 % right"}
+    for framing, said in parts.items():
         outcome = holoview("optimise", "simultaneous", "portrait.png", *QUICK, "--framing", framing, "--json")
         assert outcome.code == 0 and said in outcome.err
         scores.append(json.loads(outcome.out)["psnr_db"])
