@@ -566,6 +566,60 @@ _CANVAS = """() => {
 
 
 @needs_chromium
+def test_the_drawing_shows_and_changes_the_numbers_of_the_state(browser: Browser, written: Written) -> None:
+    """Chosen, dragged, stepped by keys and typed; dragging 30 of 300 pixels is a tenth of the range, an arrow a hundredth."""
+    page = open_page(browser, written.page)
+    low, high = page.evaluate("() => PAGE.gap_range_m")
+    gap, text = page.locator("#bench rect.part[aria-label=Gap]"), page.locator("#bench text[data-key=gap]")
+    is_at = lambda gap_m: page.wait_for_function(f"() => Math.abs(window.holoview.state.gap_m - {gap_m}) < 1e-9")  # noqa: E731
+    assert text.text_content() == "2 mm"
+    gap.scroll_into_view_if_needed()
+    box = gap.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 30, y, steps=2)
+    page.mouse.up()
+    is_at(2e-3 + 0.1 * (high - low))
+    page.keyboard.press("ArrowLeft")
+    is_at(2e-3 + 0.09 * (high - low))
+    assert page.evaluate("() => window.holoview.state.plane_m") == pytest.approx(10e-3)  # the key was the gap's
+    page.keyboard.press("Enter")
+    page.keyboard.type("2500 um")
+    page.keyboard.press("Enter")
+    is_at(2.5e-3)
+    assert text.text_content() == "2.5 mm"
+    page.wait_for_function("() => location.hash.includes('gap=2.5mm')")
+    _is_equal(page_pixels(page), written.first, written.first.system.with_(gap="2.5 mm"), 10e-3)
+    set_state(page, plane_m=9.7e-3, lasers=[False] + [True] * 7)
+    texts = page.locator("#bench text").all_text_contents()
+    assert texts.count("9.7 mm") == 1 and {"5 focal planes", "7 of 8 lasers"} <= set(texts)
+    assert browser.close_pages() == []
+
+
+@needs_chromium
+def test_what_the_drawing_cannot_change_is_said(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.eye_page)
+    note, message = page.locator("#part-note"), page.locator("#message")
+    first = page.evaluate("() => window.holoview.state")
+    page.locator("#bench rect.part[aria-label^='modulator 1']").focus()
+    page.keyboard.press("Enter")
+    assert note.inner_text().startswith("modulator 1, 64 x 48, ") and "can't be changed on a page" in note.inner_text()
+    assert page.locator("#part-row").is_hidden()
+    page.locator("#bench rect.part[aria-label=Pupil]").focus()
+    page.keyboard.press("Enter")
+    for typed, says in {"3": "Pupil: expected a length with its unit", "3 m": "eye.pupil_m: expected metres from"}.items():
+        page.locator("#part-length").fill(typed)
+        page.keyboard.press("Enter")
+        page.wait_for_function("says => document.getElementById('message').textContent.startsWith(says)", arg=says)
+        assert page.locator("#part-length").input_value() == "2 mm"
+    assert page.evaluate("() => window.holoview.state") == first
+    page.locator("#part-length").press("Escape")
+    assert page.evaluate("() => document.activeElement.getAttribute('aria-label')") == "Pupil"
+    assert message.inner_text() != "" and browser.close_pages() == []
+
+
+@needs_chromium
 def test_dragging_measures_a_region_and_pointing_tells_values(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page)
     box = page.locator("#image").bounding_box()

@@ -11,5 +11,6 @@ bench.js      the numbers that change with a slider: the twin of the plan
 measure.js    speckle contrast and PSNR
 hologram.js   what of a frame is stale after a change
 link.js       the state of the page as the end of its address
+strip.js      the drawing of the bench, whose numbers are shown and changed in it
 page.js       what a reader changes and sees; page.html and page.css are its layout
 """

@@ -2,6 +2,7 @@
 
 const LINK_UNITS = { m: 1, mm: 1e-3, um: 1e-6, "µm": 1e-6, "μm": 1e-6, nm: 1e-9 }
 const LINK_EXAMPLE = "#plane=9.7mm&laser3=off"
+const LENGTH_EXAMPLE = "a length with its unit, such as 9.7mm"
 
 function toHash(state, bench) {
     const parts = [`plane=${+(state.plane_m * 1e3).toPrecision(8)}mm`]
@@ -44,6 +45,12 @@ function fromHash(hash, state, bench) {
     return changed(state, bench, changes)
 }
 
+// A length in metres from text with a unit, such as 9.7mm; null of other text.
+function lengthOf(text) {
+    const [, value, unit] = text.trim().match(/^(-?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?) ?([nµμum]?m)$/) ?? []
+    return unit ? Number(value) * LINK_UNITS[unit] : null
+}
+
 // Adds to changes of a state what a part of a link asks for.
 function addPart(changes, part, state) {
     const refuse = expected => {
@@ -51,10 +58,7 @@ function addPart(changes, part, state) {
     }
     const [, name, number, text] = part.match(/^([a-z_]+?)([\d.]*)=(.*)$/) ?? refuse(`for example ${LINK_EXAMPLE}`)
     const plain = () => (/^-?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/.test(text) ? Number(text) : refuse("a number"))
-    const metres = () => {
-        const [, value, unit] = text.match(/^(-?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?) ?([nµμum]?m)$/) ?? refuse("a length with its unit, such as 9.7mm")
-        return Number(value) * LINK_UNITS[unit]
-    }
+    const metres = () => lengthOf(text) ?? refuse(LENGTH_EXAMPLE)
     const isOn = () => (text === "on" || (text === "off" ? false : refuse("on or off")))
     const set = (list, value) => { // "3" is the third laser, "2.3" that of the second hologram
         const [laser, hologram] = number.split(".").reverse()

@@ -5,6 +5,7 @@ const WHOLE_MM = metres => `${(metres * 1e3).toPrecision(4)} mm`
 const SVG = "http://www.w3.org/2000/svg"
 const NOT_HELD = "at this wavelength light passes the stops that the recorded kernels don't compute: move it less."
 const QUICK = "Quick image; the exact one follows …"
+const PUPIL_RANGE_M = [0.5e-3, 12e-3] // of its diameter
 
 // --- state ------------------------------------------------------------------------------------------------------------
 
@@ -82,7 +83,7 @@ function changed(state, bench, changes) {
         next.others = { ...state.others }
         for (const [i, lasers] of Object.entries(value)) next.others[i] = { ...state.others[i], ...structuredClone(lasers) }
     }
-    if (next.eye && !(next.eye.pupil_m >= 0.5e-3 && next.eye.pupil_m <= 12e-3)) refuse("eye.pupil_m", "0.5e-3 to 12e-3")
+    if (next.eye && !isNumber(next.eye.pupil_m, ...PUPIL_RANGE_M)) refuse("eye.pupil_m", `metres from ${PUPIL_RANGE_M.join(" to ")}`)
     return next
 }
 
@@ -382,6 +383,7 @@ function connect(viewer) {
     const showView = connectViews(names, view => change({ view }))
     const lasers = connectLasers(viewer, change)
     const eye = connectEye(viewer, change)
+    const strip = connectStrip(viewer, change)
     function update() {
         const { state } = viewer
         $("plane").value = state.plane_m
@@ -395,6 +397,7 @@ function connect(viewer) {
         showView(state.view)
         lasers()
         eye()
+        strip()
         writeSummary(summaryRows(state))
     }
     viewer.showControls = update

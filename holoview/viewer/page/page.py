@@ -45,7 +45,7 @@ from holoview.viewer.page.frame_recording import gap_range, observer_table, page
 
 FORMAT, VERSION = "holoview-page", "1"
 FIRST_SCRIPTS = ("replay.js", "open.js")  # which run before the rest of the file is read
-SCRIPTS = ("bench.js", "measure.js", "hologram.js", "link.js", "page.js")
+SCRIPTS = ("bench.js", "measure.js", "hologram.js", "link.js", "strip.js", "page.js")
 _TARGET_BYTES = 900_000  # of the target's pictures: of these qualities the first that fits, or the last
 _TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
     {"lossless": True},
@@ -128,6 +128,7 @@ def page_html(
     plane_m = _middle(views[0].focus_m) if plane_m is None else plane_m
     documents = [page_document(hologram, name, plane_m, (low, high)) for name, hologram in holograms.items()]
     stops = round(fitting_stops(views[0].xyz), 1) if first.system.is_field else 0.0
+    drawing = draw_bench(first.system)
     page = _colours() | {
         "exposure": stops,
         "shape": list(views[0].xyz.shape[1:3]),
@@ -139,9 +140,10 @@ def page_html(
         "stored": _stored(views[0].exposed(stops)),
         "stored_others": [_stored(view.exposed(stops)) for view in views[1:]],
         "claims": _claims(first, views[0], target, plane_m, region, backend),
+        "bench_areas": drawing.areas,
         "holograms": [document for document, _, _ in documents],
     }
-    return _html(page, documents, as_svg(draw_bench(first.system)), title or " and ".join(holograms), note)
+    return _html(page, documents, as_svg(drawing), title or " and ".join(holograms), note)
 
 
 def _colours() -> dict[str, Any]:
