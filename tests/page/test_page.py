@@ -567,7 +567,7 @@ _CANVAS = """() => {
 
 @needs_chromium
 def test_the_drawing_shows_and_changes_the_numbers_of_the_state(browser: Browser, written: Written) -> None:
-    """Chosen, dragged, stepped by keys and typed; dragging 30 of 300 pixels is a tenth of the range, an arrow a hundredth."""
+    """A drag of 30 of 300 pixels is a tenth of the range, an arrow a hundredth; and a length is typed."""
     page = open_page(browser, written.page)
     low, high = page.evaluate("() => PAGE.gap_range_m")
     gap, text = page.locator("#bench rect.part[aria-label=Gap]"), page.locator("#bench text[data-key=gap]")
@@ -608,7 +608,8 @@ def test_what_the_drawing_cannot_change_is_said(browser: Browser, written: Writt
     assert page.locator("#part-row").is_hidden()
     page.locator("#bench rect.part[aria-label=Pupil]").focus()
     page.keyboard.press("Enter")
-    for typed, says in {"3": "Pupil: expected a length with its unit", "3 m": "eye.pupil_m: expected metres from"}.items():
+    refused = {"3": "Pupil: expected a length with its unit", "3 m": "eye.pupil_m: expected metres from"}
+    for typed, says in refused.items():
         page.locator("#part-length").fill(typed)
         page.keyboard.press("Enter")
         page.wait_for_function("says => document.getElementById('message').textContent.startsWith(says)", arg=says)
