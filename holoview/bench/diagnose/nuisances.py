@@ -170,8 +170,20 @@ def drop_sampling_artefacts(
         values = best.fit.values if best else {}
         decision, more, credited = _credit_sampling(config, comparison, alternatives, decision, values)
         notes, better = notes + more, credited or better
-    is_open &= better is not None and (better.points == AREA) != (context.sampling.points == AREA)
+    if context.data.captures.chain is None:
+        is_open &= better is not None and (better.points == AREA) != (context.sampling.points == AREA)
     return decision, notes, better if is_open and decision.verdict is not Verdict.CONSISTENT else None
+
+
+def is_limited_by_samples(context: SearchContext, result: SearchResult) -> bool:
+    """Whether samples of a chain leave more beside the best candidate than the candidate does with other ones."""
+    if context.data.captures.chain is None or not context.has_open_sampling or not result.best.causes:
+        return False
+    decision = Decision(Verdict.PARTLY, result.best)
+    comparison = _check_comparison(context, decision)
+    alternatives = _alternative_comparisons(context, comparison, only_pixels=False)
+    _, _, better = _credit_sampling(context.config, comparison, alternatives, decision, result.best.fit.values)
+    return better is not None
 
 
 def _credit_sampling(

@@ -177,7 +177,7 @@ class _Request:
     forecast: TextCallback | None
     sampling: SamplingConfig
     config: SearchConfig
-    has_open_sampling: bool  # neither the caller nor, so far, the captures say how camera pixels sample the light
+    has_open_sampling: bool  # neither the caller nor, so far, the captures say how the light is sampled
 
     def start_workers(self) -> WorkerPool:
         """Processes for a search."""
@@ -344,7 +344,7 @@ def _with_chosen_sampling(captures: Captures, request: _Request) -> tuple[_Reque
     """The request with the sampling that suits the captures where neither they nor the caller state it; with a note."""
     if not request.has_open_sampling:
         return request, []
-    if captures.camera.integrates is not None:
+    if captures.camera.integrates is not None and captures.chain is None:
         return replace(request, has_open_sampling=False), []
     useless = [bad.index for bad in find_useless_captures(captures, request.known)]
     chosen = choose_sampling(captures, useless, request.known)

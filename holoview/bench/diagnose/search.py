@@ -30,7 +30,7 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison
-from holoview.bench.diagnose.nuisances import detect_nuisances, excuse_laser_drift
+from holoview.bench.diagnose.nuisances import detect_nuisances, excuse_laser_drift, is_limited_by_samples
 from holoview.bench.diagnose.power_law import changes_only_power
 from holoview.bench.diagnose.refine import (
     SETTLED_SHARE,
@@ -190,6 +190,8 @@ def _effects_beside(context: SearchContext, initial: InitialCandidates) -> list[
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
     """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed."""
     single = free_fine_parameters(context, _search_single_causes(context, effects, progress))
+    if is_limited_by_samples(context, single):
+        return single
     return _with_further_causes(context, single, effects, progress)
 
 
@@ -251,6 +253,8 @@ def _search_single_causes(
             continue
         queue.refine_new(_short_list(without_costly_fits(context, screened, unbiased)))
         result = rank_on_held_out(context, queue.fits)
+        if is_first_round and is_limited_by_samples(context, result):
+            return result
         if is_first_round and not is_settled(result) and _is_promising(context, result):
             result = _search_second_causes_early(context, result, screened, effects, progress)
             queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
