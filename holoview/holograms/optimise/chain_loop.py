@@ -24,7 +24,7 @@ from holoview.holograms.optimise.adam import Adam, sqrt_decay
 from holoview.holograms.optimise.checkpoint import IterationState
 from holoview.holograms.optimise.lasers import check_effects
 from holoview.holograms.optimise.objective import AmplitudeLeastSquares, Objective, make_objective
-from holoview.holograms.optimise.settings import Settings, find_loss_space
+from holoview.holograms.optimise.settings import Settings
 from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.drives import chain_drives
@@ -51,8 +51,8 @@ def iterate_chain(
 ) -> Iterator[IterationState]:
     """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
 
-    Raises UserError for what isn't known of chains: wavelengths that are free, places of the pupil, losses of encoded
-    colours; and as `iterate` does.
+    Raises UserError for what isn't known of chains: wavelengths that are free, places of the pupil; and as `iterate`
+    does.
     """
     check_known(settings, stack)
     problem = ChainProblem(system, stack, settings, device)
@@ -69,7 +69,7 @@ def iterate_chain(
         value = float(loss.detach())
         if not math.isfinite(value):
             raise UserError("optimisation", f"the loss became {value}", remedy="lower the step or check the target")
-        psnr_db = problem.psnr_db(image)
+        psnr_db = problem.objective.psnr_db(image)
         if value < best[0]:
             best = (value, psnr_db)
             kept = {name: drive.detach().clone() for name, drive in shown.items()}
@@ -88,7 +88,7 @@ def iterate_chain(
             light=problem.light(found.intensity, amplitudes),
             seconds=time.perf_counter() - started,
             make_best=make_best,
-            picture=lambda image=image: problem.picture(image),  # type: ignore[misc]
+            picture=lambda middle=image[len(image) // 2]: problem.objective.picture(middle),  # type: ignore[misc]
             checkpoint=_no_checkpoint,
         )
 
@@ -105,12 +105,10 @@ def _maker(system: System, drives: dict[str, Tensor], amplitudes: Floats) -> Any
 
 def check_known(settings: Settings, stack: Any) -> None:
     """Raises UserError for settings and targets that chains don't have."""
-    loss = None if settings.loss is None else find_loss_space(settings.loss)
     unknown = {
         "free wavelengths": "wavelengths" in settings.free,
         "places of the pupil": bool(settings.pupil_places_m or settings.drawn_pupils),
         "observers": bool(settings.observers),
-        f"the loss {settings.loss}": loss is not None and (loss.is_encoded or loss.structure_weight > 0),
         "some planes at a time": bool(settings.drawn_planes),
         "a complex target": not isinstance(stack, np.ndarray),
     }
@@ -163,10 +161,8 @@ class ChainProblem:
 
     def loss(self, found: ChainLight, amplitudes: Floats) -> tuple[Tensor, Tensor]:
         """The loss, and the image (plane, channel, y, x)."""
-        objective, image = self.objective, self._image(found.intensity, amplitudes)
-        cut = (slice(None), slice(None), *objective.region_slices)
-        weights = torch.as_tensor(objective.plane_weights).to(image)[:, None, None, None]
-        loss = (weights * (image[cut] - objective.target[cut]).square()).mean()
+        image = self._image(found.intensity, amplitudes)
+        loss = self.objective.loss_of(image)
         if self.settings.eyebox:
             loss = loss + self.settings.eyebox * self._variations(found.spectra, amplitudes).square().mean()
         return loss, image.detach()
@@ -185,12 +181,6 @@ class ChainProblem:
             out[frame, wavelength] = amplitude
         return out
 
-    def psnr_db(self, image: Tensor) -> float:
-        """PSNR of channels clipped to 0…1, mean over planes."""
-        cut = (slice(None), slice(None), *self.objective.region_slices)
-        error = image[cut].clamp(0, 1) - self.objective.target[cut].clamp(0, 1)
-        return float((-10 * torch.log10(error.square().mean(dim=(1, 2, 3)))).mean())
-
     def light(self, intensity: Tensor, amplitudes: Floats) -> float:
         """The share of the lasers' light on the first element's field that is in the picture, mean over planes."""
         weights = self._weights(amplitudes)
@@ -203,13 +193,6 @@ class ChainProblem:
         weights = torch.as_tensor(self._weights(amplitudes)).to(found.spectra)
         weights = weights * torch.stack([luminance[λ] for _, λ in self._lasers])
         return float(_variation(self._blocks(torch.tensordot(weights, found.spectra.detach(), dims=1))))
-
-    def picture(self, image: Tensor) -> NDArray[np.floating]:
-        """The middle plane of an image in linear sRGB (y, x, 3)."""
-        middle = image[len(image) // 2].cpu().double().numpy()
-        matrix = self.objective.loss.to_rgb
-        rgb = np.repeat(middle, 3, axis=0) if matrix is None else np.tensordot(matrix, middle, axes=1)
-        return np.moveaxis(rgb, 0, -1)
 
     def _image(self, intensity: Tensor, amplitudes: Floats) -> Tensor:
         weights = torch.as_tensor(self._weights(amplitudes)).to(intensity)

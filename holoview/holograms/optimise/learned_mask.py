@@ -132,7 +132,7 @@ def _learned_from(
     if solves:
         scene.amplitudes = problem.solved_amplitudes(found.intensity)
     loss, image = problem.loss(found, scene.amplitudes)
-    value, psnr_db = float(loss.detach()), problem.psnr_db(image)
+    value, psnr_db = float(loss.detach()), problem.objective.psnr_db(image)
     if decay is None:
         return value, psnr_db, torch.zeros_like(mask.variables[0])
     *gradients, pull = torch.autograd.grad(loss, [*scene.patterns.variables, *mask.variables])

@@ -94,6 +94,28 @@ class Objective:
         _check_stack(stack, (planes, rows, columns, 3))
         self.target.copy_(_target_channels(self.loss, stack))
 
+    def loss_of(self, image: Tensor) -> Tensor:
+        """The loss of an image (plane, channel, y, x), of which torch takes the derivative."""
+        inside, parts = (slice(None), *self.region_slices), []
+        for shown, wanted, weight in zip(image, self.target, self.plane_weights, strict=True):
+            shown, wanted = shown[inside], wanted[inside]
+            if self.loss.is_encoded:
+                shown, wanted = torch_srgb_encode(shown), torch_srgb_encode(wanted)
+            part = (shown - wanted).square().mean()
+            if self.loss.structure_weight:
+                part = part + self.loss.structure_weight * (1 - multi_scale_similarity(shown, wanted).mean())
+            parts.append(float(weight) * part)
+        return torch.stack(parts).mean()
+
+    def psnr_db(self, image: Tensor) -> float:
+        """The PSNR of an image (plane, channel, y, x) as of `PlaneLoss`, mean over planes."""
+        inside = (slice(None), *self.region_slices)
+        norms = [
+            self._error_norm(shown[inside], wanted[inside]) for shown, wanted in zip(image, self.target, strict=True)
+        ]
+        both = torch.stack(norms)[:, None, None].expand(-1, 1, 2)
+        return float(np.mean([one.psnr_db for one in self.plane_losses(range(len(image)), both)]))
+
     def evaluate_rows(self, plane: int, rows: slice, image: Tensor, kernels: Kernels = TORCH_KERNELS) -> ResidualSums:
         """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image.
 
