@@ -102,9 +102,7 @@ def nominal(is_mask: bool) -> System:
     return System(LASERS_M, ones, elements=elements, planes_m=list(PLANES_M), observer="mono")
 
 
-def captures_with(
-    fault: Fault | None, is_mask: bool, rng: np.random.Generator, by: Simulation = USUAL
-) -> Captures:
+def captures_with(fault: Fault | None, is_mask: bool, rng: np.random.Generator, by: Simulation = USUAL) -> Captures:
     """Captures of a bench with a fault, or without one."""
     count = len(LASERS_M) * len(PLANES_M) * EACH
     λs, zs = np.repeat(LASERS_M, len(PLANES_M) * EACH), np.tile(np.repeat(PLANES_M, EACH), len(LASERS_M))
@@ -232,7 +230,9 @@ def main(count: int, is_mask: int = 0, seed: int = 0, fine: int = 4, wider: int 
         is_named = (found.verdict, {*causes}) == expected
         named += is_named
         seconds = time.process_time() - began
-        print(number, "named" if is_named else "NOT NAMED", fault, found.verdict, causes, f"{seconds:.0f} s", flush=True)
+        print(
+            number, "named" if is_named else "NOT NAMED", fault, found.verdict, causes, f"{seconds:.0f} s", flush=True
+        )
     print(f"{named} of {count}")
 
 

@@ -172,6 +172,21 @@ def test_a_lens_focuses_at_its_focal_length() -> None:
     assert found.max() == pytest.approx(expected, rel=0.02)
 
 
+def test_a_lens_of_glass_focuses_blue_light_nearer() -> None:
+    focal_m, abbe = 12 * MM, 30.0
+    lens = {"kind": "lens", "focal_length": focal_m, "abbe": abbe}
+    powers = []
+    for λ in (486.13 * NM, 587.56 * NM, 656.27 * NM):
+        system = chain(pixels("amplitude"), lens, planes_m=[focal_m], wavelengths=[λ])
+        ratio = light_behind(system, np.ones(SHAPE), "lens") / light_behind(system, np.ones(SHAPE), "amplitude")
+        y, x = middle(60) * DX, middle(48) * DX
+        phase = np.unwrap(np.angle(ratio[30]))
+        powers.append(-np.polyfit(x, phase, 2)[0] * λ / np.pi)  # of −πx²/(λf)
+    # By its definition V = (n_d − 1)/(n_F − n_C), and powers are in proportion to n − 1; rounding of the fit alone.
+    assert powers[1] == pytest.approx(1 / focal_m, rel=1e-9)
+    assert powers[1] / (powers[0] - powers[2]) == pytest.approx(abbe, rel=1e-7)
+
+
 def test_a_grating_sends_the_light_to_its_orders() -> None:
     focal_m, λ, period_m = 2 * MM, 532 * NM, 32 * UM
     grating = {"kind": "mask", "pitch": 4 * UM, "shape": (60, 48), "pattern": "grating", "period": period_m}

@@ -441,6 +441,8 @@ class _Walk:
 
     def _check_focal_length(self, element: Lens | Fourier, pitch_m: float) -> None:
         f_m, sides_m = abs(element.focal_length_m), [n * self.sample_m for n in self.shape]
+        if isinstance(element, Lens):
+            f_m = min(abs(element.focal_length_at(float(λ))) for λ in self.wavelengths_m)
         least_m = max(sides_m) * self.sample_m / float(self.wavelengths_m.min())
         most_m = min(sides_m) * max(pitch_m, self.sample_m) / float(self.wavelengths_m.max())
         field = " × ".join(units.format_rounded(side, "mm") for side in sides_m)

@@ -80,7 +80,12 @@ def _describe(element: Element, system: System, pitch_m: float, is_last: bool) -
     if isinstance(element, Space):
         return _describe_space(element, system, pitch_m, is_last)
     if isinstance(element, Lens):
-        return f"lens, f = {units.format_rounded(element.focal_length_m, 'mm')}"
+        if element.abbe is None:
+            return f"lens, f = {units.format_rounded(element.focal_length_m, 'mm')}"
+        shortest, longest = (
+            element.focal_length_at(float(λ)) for λ in (np.min(system.wavelengths_m), np.max(system.wavelengths_m))
+        )
+        return f"lens, f = {units.format_rounded(shortest, 'mm')} to {units.format_rounded(longest, 'mm')}"
     if isinstance(element, Fourier):
         widths = [
             λ * element.focal_length_m / pitch_m for λ in (system.wavelengths_m.min(), system.wavelengths_m.max())

@@ -41,6 +41,7 @@ from holoview.light.model.fields import (
 from holoview.light.model.stops import SquareStop
 from holoview.util.errors import UserError, suggest_matches
 
+_FRAUNHOFER_M = (486.13e-9, 587.56e-9, 656.27e-9)  # F, d, C, which define the Abbe number
 _FOCAL_LENGTH = Number("mm", low=1e-5, high=1e3)
 _PLACE = Several(Number("um", low=-0.1, high=0.1), 2, 'two lengths (y, x) such as ["0 um", "8 um"]')
 _LONGEST_NAME = 40
@@ -190,15 +191,30 @@ class Mask(Pixels):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lens(Element):
-    """A thin lens on the axis: exp(−iπ·r²/(λ·f)), as wide as the simulated field; negative: a diverging one."""
+    """A thin lens on the axis: exp(−iπ·r²/(λ·f)), as wide as the simulated field; negative: a diverging one.
+
+    abbe: Abbe number V of its glass, whose n − 1 follows Cauchy's formula of two terms; None: f at every wavelength.
+    """
 
     kind: ClassVar[str] = "lens"
     focal_length_m: float = described_field(Number("mm", low=-1e3, high=1e3), "Focal length; negative: it diverges.")
+    abbe: float | None = described_field(
+        Number(low=10.0, high=200.0, optional=True),
+        "Abbe number of its glass, whose focal length is the stated one at 587.6 nm; of no dispersion if absent.",
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if abs(self.focal_length_m) < _FOCAL_LENGTH.low:
             raise UserError("focal_length", f"{self.focal_length_m:g} m", expected="at least 0.01 mm")
+
+    def focal_length_at(self, wavelength_m: float) -> float:
+        """f (m) at a wavelength: f_d/f = (n − 1)/(n_d − 1) = 1 + (λ⁻² − λ_d⁻²)/(V·(λ_F⁻² − λ_C⁻²))."""
+        if self.abbe is None:
+            return self.focal_length_m
+        blue, yellow, red = (line_m**-2 for line_m in _FRAUNHOFER_M)
+        return self.focal_length_m / (1 + (wavelength_m**-2 - yellow) / (self.abbe * (blue - red)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -176,7 +176,7 @@ class ChainTransmissions:
                 light = torch.ones(values.shape, dtype=torch.complex128)
             return self._placed(element, self._with_path(light, path_m, context, part), context, part)
         if isinstance(element, Lens):
-            return _quadratic(grid, grid.pitch_m**2 / (λ * element.focal_length_m))
+            return _quadratic(grid, grid.pitch_m**2 / (λ * element.focal_length_at(λ)))
         assert isinstance(element, Fourier)
         rate = grid.pitch_m**2 / (λ * element.focal_length_m)
         chirp = _quadratic(grid, rate)
