@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         plane_m = parse_plane(system, args.plane, "--plane")
     at = None if args.at is None else _parse_sample(args.at)
     low_m, high_m = focus_range_m(system) if args.range is None else parse_range(args.range, "--range")
-    names = ("x-z", "y-z", "directions", *(f"areas-{n}" for n in range(1, len(system.modulators) + 1)))
+    names = ("x-z", "y-z", "directions", *(f"areas-{n}" for n in range(1, len(system.drive_shapes) + 1)))
     paths: list[Path] = []
     if args.output is not None:
         check_suffix(args.output, ".png")

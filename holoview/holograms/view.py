@@ -302,8 +302,6 @@ def point_light(
     (2, 1.0)
     """
     system, drive = _with_drive(system, drive)
-    if system.is_chain:
-        raise needs_short_form("the origin of the light")
     if not 2 <= window <= 4096 or window % 2:
         raise UserError("window", f"{window} samples", expected="an even number from 2 to 4096")
     planes_m = focused_planes(system) if plane is None else parse_planes(system, [plane])

@@ -43,6 +43,20 @@ BENCHES = {
     "a field": hv.load_field(
         np.ones((2, 24, 44), np.complex64), pitch="8 um", wavelengths=["530 nm", "620 nm"], distance="6 mm"
     ).system,
+    "a chain": _bench().edit(
+        {
+            "amplitudes": [[1.0, 1.0, 1.0]],
+            "elements": [
+                {"kind": "phase", "pitch": "8 um", "shape": [20, 28], "stroke": "800 nm", "name": "first"},
+                {"kind": "space", "distance": "2 mm", "iris_na": 0.03},
+                {"kind": "mask", "pitch": "4 um", "shape": [40, 56], "pattern": "random", "stroke": "300 nm"},
+                {"kind": "lens", "focal_length": "20 mm", "abbe": 30.0},
+                {"kind": "fourier", "focal_length": "2 mm"},
+                {"kind": "complex", "pitch": "16 um", "shape": [10, 14], "name": "second"},
+                {"kind": "amplitude", "pitch": "8 um", "shape": [20, 28], "name": "third"},
+            ],
+        }
+    ),
 }
 
 
@@ -63,6 +77,7 @@ def _beams(system: System, drive: NDArray[Any]) -> list[BeamAtPoint]:
 
 def test_contributions_and_orders_add_up_to_the_field(system: System) -> None:
     for beam in _beams(system, hv.random_drive(system)):
+        assert len(beam.contributions) == (3 if system.is_chain else 1 if system.is_field else len(system.modulators))
         for parts in beam.contributions:
             assert abs(parts.sum() - beam.field) <= ROUNDING * parts.size * np.abs(parts).max()
         assert abs(sum(beam.orders.values()) - beam.field) <= ROUNDING * 1e4
@@ -87,7 +102,7 @@ def test_the_light_of_a_point_is_that_of_the_image(system: System) -> None:
     np.testing.assert_allclose(point.intensities, by_laser, rtol=1e-9)
     np.testing.assert_allclose(point.xyz, view.xyz[0][PLACE], rtol=1e-9)
     assert sum(point.orders.values()) == pytest.approx(1.0, abs=1e-9)
-    is_one_order = not system.relay2.is_clear and len(system.source.directions_rad) == 1
+    is_one_order = not (system.is_chain or system.relay2.is_clear) and len(system.source.directions_rad) == 1
     assert set(point.orders) == {(0, 0)} or not is_one_order or system.is_field
     assert point.share == 1.0
 

@@ -4,13 +4,13 @@
 `point_steps`       the angles that reach the point; the lasers, diffraction orders and areas of modulators that lit it
 
 The field of a laser at a sample p is linear in the field v behind each modulator, u(p) = Σ_q w(q)·v(q). The weights w
-are a row of the matrix of propagation, and follow from the transposed propagation of a 1 at p:
+are a row of the matrix of propagation, and follow from the transposed propagation of a 1 at p, backwards along the way:
 
-    w₂ = Fᵀ·(H₂·F⁻ᵀ·δ_p),   w₁ = F₁ᵀ·(H₁·F₁⁻ᵀ·(t₂·w₂))
+    w₂ = Fᵀ·(H₂·F⁻ᵀ·δ_p),   w₁ = F₁ᵀ·(H₁·F₁⁻ᵀ·(t₂·w₂)),   …
 
 with the transmission t₂ of the second modulator and the transfer functions H of gap and plane. The contributions w·v of
-either modulator add up to the field at p, and so do those of the diffraction orders, which are parts of the spectrum
-behind the last modulator. An eye, effects and several frames and directions of the source are taken into account.
+each modulator add up to the field at p, and so do those of the diffraction orders, which are parts of the spectrum
+behind the last element. An eye, effects and several frames and directions of the source are taken into account.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 
 from holoview.light.engine.frame import light_along, spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor, TorchField
+from holoview.light.model.chain import Travel
+from holoview.light.model.elements import Pixels
 from holoview.light.model.plan import Beam, make_plan
 from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import FrameInputs
@@ -108,7 +110,7 @@ class PointLight:
     """The light of a sample of the image, as far as it is computed; intensities are means over frames and directions.
 
     wavelengths_m, intensities: (laser,) of the nominal system, and their light there; xyz: (3,) its colour.
-    orders: {(y, x): share of the field there} of each diffraction order of the last modulator's pixels. Shares add up
+    orders: {(y, x): share of the field there} of each diffraction order of the last element's pixels. Shares add up
     to 1; a share below 0 cancels others. They are means over beams, weighted by their intensity.
     areas: for each modulator XYZ (y, x, 3) of |w·v|², the power of the contributions of its samples.
     directions: XYZ (v, v, 3) of the power spectrum of the field around the sample in a Hann window `window` samples
@@ -142,7 +144,7 @@ def point_steps(
     executor = TorchExecutor(plan, FrameInputs(plan, drive), double=True)
     beams, shape = plan.beams(lasers), plan.grid.shape
     intensities, xyz, total = np.zeros(len(system.wavelengths_m)), np.zeros(3), 0.0
-    areas = [np.zeros((*shape, 3), np.float32) for _ in plan.system.modulators]
+    areas = [np.zeros((*shape, 3), np.float32) for _ in system.drive_shapes]
     directions, orders = np.zeros((window, window, 3), np.float32), dict[tuple[int, int], float]()
     for number, beam in enumerate(beams, start=1):
         found = beam_at_point(executor, beam, len(plan.planes) - 1, place)
@@ -186,35 +188,41 @@ class BeamAtPoint:
 
 def beam_at_point(executor: TorchExecutor, beam: Beam, plane: int, place: Place) -> BeamAtPoint:
     """The light of a beam at a sample (row, column) of a focal plane, with its parts and contributions."""
-    wavelength, transform = beam.wavelength, executor.transforms[1]
-    light = dict(light_along(executor, wavelength, beam.frame, beam.source))
-    spectrum = light["spectrum"].values
-    fields = [torch.from_numpy(executor.download_field(light[name])) for name in ("slm1", "slm2") if name in light]
-    transfer = executor.derived_transfer(1, wavelength, plane)
+    way, wavelength = executor.plan.way, beam.wavelength
+    transform, (*behind, (_, last)) = (
+        executor.transforms[way.last],
+        light_along(executor, wavelength, beam.frame, beam.source),
+    )
+    spectrum, transfer = last.values, executor.derived_transfer(way.last, wavelength, plane)
     around = transform.inverse(spectrum * transfer)
     at_place = transfer * transform.at_sample(*place)
-    weights = transform.forward_transposed(at_place)
-    contributions = [weights * fields[-1]]
-    if "slm2" in light:
+    weights, contributions = transform.forward_transposed(at_place), list[NDArray[np.complex128]]()
+    for step, (_, field) in zip(reversed(way.steps), reversed(behind), strict=True):
+        if isinstance(step, Travel):
+            relay, response = executor.transforms[step.relay], executor.derived_transfer(step.relay, wavelength)
+            weights = relay.forward_transposed(response * relay.inverse_transposed(weights))
+            continue
+        if not way.is_chain or getattr(way.transmissions[step.number].element, "is_driven", False):
+            contributions.insert(0, weights.numpy() * executor.download_field(field))
         ones = TorchField(torch.ones_like(weights))
-        weights = weights * executor.modulate(ones, beam.frame, 1, wavelength).values
-        gap, response = executor.transforms[0], executor.derived_transfer(0, wavelength)
-        before = gap.forward_transposed(response * gap.inverse_transposed(weights))
-        contributions.insert(0, before * fields[0])
+        weights = weights * executor.modulate(ones, beam.frame, step.number, wavelength).values
     parts = _by_order(executor, beam, (spectrum * at_place).numpy())
-    arrays = tuple(part.numpy() for part in contributions)
-    return BeamAtPoint(complex(around[place]), parts, arrays, around.numpy())
+    return BeamAtPoint(complex(around[place]), parts, tuple(contributions), around.numpy())
 
 
 def _by_order(executor: TorchExecutor, beam: Beam, parts: NDArray[np.complex128]) -> dict[tuple[int, int], complex]:
     """Sums of the parts (rows, columns) of a spectrum's frequencies by diffraction order (y, x) of the last pixels.
 
-    Order n has the frequencies |u − s/λ − n/pitch| ≤ 1/(2·pitch), with the direction sine s of the illumination.
+    Order n has the frequencies |u − s/λ − n/pitch| ≤ 1/(2·pitch), with the direction sine s of the illumination; behind a
+    Fourier plane around the axis.
     """
-    grid, slopes = executor.plan.grid, executor.plan.slopes[beam.source, beam.wavelength]
+    plan, way = executor.plan, executor.plan.way
+    slopes = np.zeros(2) if way.kernels else plan.slopes[beam.source, beam.wavelength]
+    pixels = [of.element for of in way.transmissions if isinstance(of.element, Pixels)]
+    size = round(pixels[-1].pitch_m / way.sample_m) if pixels else plan.grid.upsample
     numbers = [
-        np.floor((k / padded - float(slope)) * grid.upsample + 0.5).astype(int)
-        for k, padded, slope in zip(executor.frequencies(1), grid.padded, slopes, strict=True)
+        np.floor((k / padded - float(slope)) * size + 0.5).astype(int)
+        for k, padded, slope in zip(executor.frequencies(way.last), plan.grid.padded, slopes, strict=True)
     ]
     sums = {}
     for row in np.unique(numbers[0]):
