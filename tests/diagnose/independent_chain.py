@@ -149,14 +149,19 @@ def _seen(drive: Floats, second: Floats | None, λ: float, z: float, fault: Faul
 
 
 def _on_camera(whole: NDArray[np.complex128], by: Simulation) -> Floats:
-    """The intensity at the middle of camera pixels, or its mean over four places along each side of them."""
-    k, spectrum, total = np.fft.fftfreq(len(whole)), np.fft.fft2(whole), np.zeros((2 * PIXELS, 2 * PIXELS))
-    places, step = 1 if by.integrates is False else 4, by.fine // 2  # samples of a camera pixel
+    """The intensity at the middle of camera pixels, or its mean over four places along each side of them.
+
+    The iris passes no frequency beyond those of camera pixels.
+    """
+    n, count, total = len(whole), 2 * by.wider * PIXELS, np.zeros((2 * PIXELS, 2 * PIXELS))
+    kept = np.rint(count * np.fft.fftfreq(count)).astype(int) % n
+    k, spectrum = np.fft.fftfreq(count), np.fft.fft2(whole)[np.ix_(kept, kept)] * (count / n) ** 2
+    inside = slice((by.wider - 1) * PIXELS, (by.wider + 1) * PIXELS)
+    places, first = 1 if by.integrates is False else 4, 0.5 - 1 / by.fine  # of the middle from the first sample
     for place in np.ndindex(places, places):
-        y, x = (((p + 0.5) / places - 0.5) * step + (step - 1) / 2 for p in place)
-        turns = k[:, None] * y + k[None, :] * x
-        moved = np.fft.ifft2(spectrum * np.exp(2j * np.pi * turns))[by.inside, by.inside]
-        total += np.abs(moved[::step, ::step]) ** 2 / places**2
+        y, x = ((p + 0.5) / places - 0.5 + first for p in place)
+        moved = np.fft.ifft2(spectrum * np.exp(2j * np.pi * (k[:, None] * y + k[None, :] * x)))
+        total += np.abs(moved[inside, inside]) ** 2 / places**2
     return total
 
 

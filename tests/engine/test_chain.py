@@ -179,7 +179,7 @@ def test_a_lens_of_glass_focuses_blue_light_nearer() -> None:
     for λ in (486.13 * NM, 587.56 * NM, 656.27 * NM):
         system = chain(pixels("amplitude"), lens, planes_m=[focal_m], wavelengths=[λ])
         ratio = light_behind(system, np.ones(SHAPE), "lens") / light_behind(system, np.ones(SHAPE), "amplitude")
-        y, x = middle(60) * DX, middle(48) * DX
+        x = middle(48) * DX
         phase = np.unwrap(np.angle(ratio[30]))
         powers.append(-np.polyfit(x, phase, 2)[0] * λ / np.pi)  # of −πx²/(λf)
     # By its definition V = (n_d − 1)/(n_F − n_C), and powers are in proportion to n − 1; rounding of the fit alone.

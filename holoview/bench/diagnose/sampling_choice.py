@@ -8,7 +8,7 @@ state holds. Where they state nothing, it is decided by likelihood, and said:
 - On a Fourier bench, where nothing else depends on samples, pixels integrate unless the captures fit points better.
 - In the near field the nominal bench is predicted with ever finer samples. They are taken where they explain what the
   usual ones leave; a fault isn't explained so.
-- On a chain of elements also the samples are open where it is stated what pixels do: each element makes new sharp edges.
+- On a chain of elements samples are open also where it is stated what pixels do: each element makes new sharp edges.
 
 Far from the truth whatever smooths fits better. So both are compared once more beside the causes that a search names
 (`nuisances.drop_sampling_artefacts`), and the search is repeated where the other one fits better. On a chain that is

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any, NoReturn
 
 import numpy as np
@@ -88,7 +88,7 @@ def iterate_chain(
             light=problem.light(found.intensity, amplitudes),
             seconds=time.perf_counter() - started,
             make_best=make_best,
-            picture=lambda middle=image[len(image) // 2]: problem.objective.picture(middle),  # type: ignore[misc]
+            picture=partial(problem.objective.picture, image[len(image) // 2]),
             checkpoint=_no_checkpoint,
         )
 

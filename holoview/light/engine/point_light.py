@@ -213,8 +213,8 @@ def beam_at_point(executor: TorchExecutor, beam: Beam, plane: int, place: Place)
 def _by_order(executor: TorchExecutor, beam: Beam, parts: NDArray[np.complex128]) -> dict[tuple[int, int], complex]:
     """Sums of the parts (rows, columns) of a spectrum's frequencies by diffraction order (y, x) of the last pixels.
 
-    Order n has the frequencies |u − s/λ − n/pitch| ≤ 1/(2·pitch), with the direction sine s of the illumination; behind a
-    Fourier plane around the axis.
+    Order n has the frequencies |u − s/λ − n/pitch| ≤ 1/(2·pitch), with the direction sine s of the illumination, which
+    is 0 behind a Fourier plane.
     """
     plan, way = executor.plan, executor.plan.way
     slopes = np.zeros(2) if way.kernels else plan.slopes[beam.source, beam.wavelength]
