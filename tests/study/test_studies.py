@@ -30,7 +30,9 @@ CHI2_TOLERANCE = 0.18
 LONG_GAP = "gap 0.1 mm long"
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 PICTURED = {
+    "binary-amplitude",
     "coarse-amplitude",
+    "high-contrast",
     "schemes",
     "wavelength-count",
     "multisource",

@@ -1,4 +1,5 @@
-"""Displays beside HoloChrome's: a static mask in place of its second modulator, and an amplitude modulator behind it.
+"""Displays beside HoloChrome's: a static mask in place of its second modulator, and an amplitude modulator behind it; a
+phase modulator with a coarse amplitude modulator alone; binary amplitudes in many frames.
 
 All displays of these studies are optimised by the loop of chains, so that they differ in their elements alone.
 """
@@ -6,7 +7,8 @@ All displays of these studies are optimised by the loop of chains, so that they 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from holoview.evidence.study.hologram_study import (
     SHOWN,
     HologramStudy,
     case_jobs,
+    gain_claim,
     hologram_metrics,
     job_target,
     mean_by_case,
@@ -56,6 +59,8 @@ _RANGE_M = (9e-3, 11e-3)
 _PITCH_M, _STROKE_M, _GAP_M = 8e-6, 825e-9, 2e-3
 _COARSE = 8  # pixels of the phase modulators along a side of one of the amplitude modulator
 _EYEBOX = 0.03
+_CONTRAST_STROKE_M, _CONTRAST_PLANE_M = 665e-9, 6e-3
+_CONTRAST_GAIN_DB = 31.0  # arXiv 2410.19347: up to so much over phase alone
 _SEED_OF_MASK = 1
 
 ONE, TWO, RANDOM, LEARNED, COARSE = (
@@ -118,7 +123,52 @@ def training_stacks(system: System, count: int, leave_out: str) -> list[NDArray[
     return stacks
 
 
-class _StaticMask(HologramStudy):
+class _ChainStudy(HologramStudy):
+    """A study of displays that are chains: their PSNR, eyebox and light."""
+
+    displays: tuple[str, ...]
+    lasers: tuple[int, ...]
+
+    def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
+        """The display of a job. folder: for files that it needs until the job ends."""
+        raise NotImplementedError
+
+    def claims(self, results: Results, lasers: int) -> list[Claim]:
+        """What is said of the displays of so many lasers."""
+        raise NotImplementedError
+
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        with tempfile.TemporaryDirectory() as folder:
+            system = self.system_of(settings, status, Path(folder))
+            target = job_target(system, settings, system.planes_m)
+            state = optimise_job(system, target, settings, status)
+            hologram = state.best
+            view = simulate(hologram.system, hologram.drive, backend="torch")
+            numbers = hologram_metrics(hologram, view, target) | {"light": state.light, "seconds": state.seconds}
+        middle = len(target) // 2
+        pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(target[middle]))}
+        return JobResult(numbers, pictures)
+
+    def analyse(self, results: Results) -> Findings:
+        counts = sorted({job.settings["lasers"] for job, _ in results})
+        cases = [{"lasers": lasers, "display": display} for lasers in counts for display in self.displays]
+        labels = [_label(case["lasers"], case["display"]) for case in cases]
+        others = mean_by_case(results, ("speckle_contrast", "eyebox_variation"), cases)
+        return Findings(
+            rows=result_table(results, "lasers", "display"),
+            claims=[claim for lasers in counts for claim in self.claims(results, lasers)],
+            plots=[
+                StudyFigure(
+                    "psnr", "PSNR of linear sRGB, mean over targets and seeds", _psnr_chart(results, labels, cases)
+                ),
+                StudyFigure("others", "Speckle and eyebox; small is good", bar_panels(labels, others)),
+                StudyFigure("light", "Share of the lasers' light in the picture", _light_chart(results, labels, cases)),
+            ],
+            pictures=result_pictures(results),
+        )
+
+
+class _StaticMask(_ChainStudy):
     name = "static-mask"
     title = "A static mask in place of HoloChrome's second modulator"
     summary = (
@@ -148,39 +198,11 @@ class _StaticMask(HologramStudy):
         }
         return case_jobs(self, cases, scale, seed)
 
-    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
-        shape, planes = tuple(settings["shape"]), settings["planes"]
-        with tempfile.TemporaryDirectory() as folder:
-            mask = Path(folder) / "mask.npy"
-            if settings["display"] == LEARNED:
-                np.save(mask, _learned(settings, status))
-            system = chain_of(settings["display"], settings["lasers"], shape, planes, mask)
-            target = job_target(system, settings, system.planes_m)
-            state = optimise_job(system, target, settings, status)
-            hologram = state.best
-            view = simulate(hologram.system, hologram.drive, backend="torch")
-            numbers = hologram_metrics(hologram, view, target) | {"light": state.light, "seconds": state.seconds}
-        middle = planes // 2
-        pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(target[middle]))}
-        return JobResult(numbers, pictures)
-
-    def analyse(self, results: Results) -> Findings:
-        counts = sorted({job.settings["lasers"] for job, _ in results})
-        cases = [{"lasers": lasers, "display": display} for lasers in counts for display in self.displays]
-        labels = [_label(case["lasers"], case["display"]) for case in cases]
-        others = mean_by_case(results, ("speckle_contrast", "eyebox_variation"), cases)
-        return Findings(
-            rows=result_table(results, "lasers", "display"),
-            claims=[claim for lasers in counts for claim in self.claims(results, lasers)],
-            plots=[
-                StudyFigure(
-                    "psnr", "PSNR of linear sRGB, mean over targets and seeds", _psnr_chart(results, labels, cases)
-                ),
-                StudyFigure("others", "Speckle and eyebox; small is good", bar_panels(labels, others)),
-                StudyFigure("light", "Share of the lasers' light in the picture", _light_chart(results, labels, cases)),
-            ],
-            pictures=result_pictures(results),
-        )
+    def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
+        mask = folder / "mask.npy"
+        if settings["display"] == LEARNED:
+            np.save(mask, _learned(settings, status))
+        return chain_of(settings["display"], settings["lasers"], tuple(settings["shape"]), settings["planes"], mask)
 
     def claims(self, results: Results, lasers: int) -> list[Claim]:
         """The second modulator's gain, and the share of it that each mask keeps."""
@@ -216,6 +238,93 @@ class _CoarseAmplitude(_StaticMask):
         light = {display: mean_number(results, "light", **_case(lasers, display)) for display in (TWO, COARSE)}
         words = f"{_gain_words(results, lasers, COARSE, gains)}; light {light[TWO]:.0%} → {light[COARSE]:.0%}"
         return [Claim(f"{lasers} λ: an amplitude modulator behind the second modulator", "", words, SHOWN)]
+
+
+class _FlatStudy(_ChainStudy):
+    """Displays of three lasers that shine in turn, and a flat picture of much black."""
+
+    quick_note = f"{QUICK_SIZE}; night, flat."
+    lasers = (3,)
+
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        shared = {"lasers": 3, "planes": 1, "depth": False, "eyebox": scale.eyebox or _EYEBOX}
+        cases = {display: {"scheme": display, "display": display, **shared} for display in self.displays}
+        return case_jobs(self, cases, replace(scale, targets=("night",)), seed)
+
+
+class _HighContrast(_FlatStudy):
+    name = "high-contrast"
+    title = "High contrast by a coarse amplitude modulator"
+    summary = (
+        f"A phase modulator alone, and with an amplitude modulator of {_COARSE} times coarser pixels 2 mm behind it, "
+        "without stops and with those of the first order."
+    )
+    kind = "high-contrast"
+    revision = 1
+    displays = tuple(
+        f"{display}, {stop}" for stop in ("no stop", "first order") for display in ("phase", "and amplitude")
+    )
+
+    def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
+        display, shape = settings["display"], tuple(settings["shape"])
+        pixels = {"kind": "phase", "name": "phase", "pitch": _PITCH_M, "shape": shape, "stroke": _CONTRAST_STROKE_M}
+        elements: list[Any] = [pixels]
+        if display.startswith("and amplitude"):
+            coarse = {"pitch": _COARSE * _PITCH_M, "shape": [-(-n // _COARSE) for n in shape]}
+            elements += [{"kind": "space", "distance": _GAP_M}, {"kind": "amplitude", "name": "coarse", **coarse}]
+        elements.append({"kind": "space", **({"square": "first order of phase"} if "first" in display else {})})
+        base = preset.load("high-contrast")
+        changes = {"elements": elements, "planes_from": "phase", "planes": [_CONTRAST_PLANE_M]}
+        return base.edit(changes | {"propagation": "periodic"})
+
+    def claims(self, results: Results, lasers: int) -> list[Claim]:
+        reason = "most of the published gain is of text on black, and less at two samples a pixel than at one"
+        return [
+            gain_claim(
+                results,
+                f"a coarse amplitude modulator behind the phase modulator, {stop}",
+                _CONTRAST_GAIN_DB,
+                {"display": f"and amplitude, {stop}"},
+                {"display": f"phase, {stop}"},
+                reason=reason,
+            )
+            for stop in ("no stop", "first order")
+        ] + [_light_claim(results, lasers, self.displays)]
+
+
+class _BinaryAmplitude(_FlatStudy):
+    name = "binary-amplitude"
+    title = "Binary amplitudes in many frames"
+    summary = (
+        "A display of amplitudes, continuous and binary, in one frame and in eight of each colour, through one half of "
+        "the first order."
+    )
+    kind = "binary-amplitude"
+    revision = 1
+    displays = ("amplitude, 3 frames", "binary, 3 frames", "binary, 24 frames")
+
+    def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
+        display, base = settings["display"], preset.load("binary-amplitude")
+        levels = 2 if display.startswith("binary") else None
+        frames = int(display.split(", ")[1].removesuffix(" frames"))
+        amplitude, *behind = base.elements
+        elements = (replace(amplitude, shape=tuple(settings["shape"]), levels=levels), *behind)  # type: ignore[call-arg]
+        return base.edit({"elements": elements, "amplitudes": base.amplitudes[:frames], "propagation": "periodic"})
+
+    def claims(self, results: Results, lasers: int) -> list[Claim]:
+        continuous, single, many = ({"display": display} for display in self.displays)
+        return [
+            gain_claim(results, "one binary frame of each colour beside one of amplitudes", None, single, continuous),
+            gain_claim(results, "eight binary frames of each colour beside one", None, many, single),
+            gain_claim(results, "eight binary frames of each colour beside one of amplitudes", None, many, continuous),
+            _light_claim(results, lasers, self.displays),
+        ]
+
+
+def _light_claim(results: Results, lasers: int, displays: Sequence[str]) -> Claim:
+    """The light that each display leaves in the picture."""
+    light = {display: mean_number(results, "light", **_case(lasers, display)) for display in displays}
+    return Claim("light in the picture", "", "; ".join(f"{name} {share:.1%}" for name, share in light.items()), SHOWN)
 
 
 _LEAST_GAIN_DB = 0.2
@@ -257,4 +366,4 @@ def _light_chart(results: Results, labels: list[str], cases: list[dict[str, Any]
     return bar_chart(labels, light, "share of the lasers' light")
 
 
-STUDIES = (_StaticMask(), _CoarseAmplitude())
+STUDIES = (_StaticMask(), _CoarseAmplitude(), _HighContrast(), _BinaryAmplitude())
