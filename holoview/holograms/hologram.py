@@ -63,27 +63,26 @@ _FILE = TensorFormat(
 )
 
 
-def _axes(name: str) -> tuple[str, str, str]:
-    """The names of the axes of an element's patterns: each element has its own sizes."""
-    return f"{name}: frame", f"{name}: y", f"{name}: x"
+def chain_schema(system: System, element: str, name: str, *types: str) -> ArraySchema:
+    """The schema of an array in a file that is as the patterns (frame, y, x) of an element, whose sizes are its own; of
+    a complex modulator (frame, y, x, part) float32."""
+    axes = (f"{element}: frame", f"{element}: y", f"{element}: x")
+    if element in complex_names(system):
+        return ArraySchema(name, ("float32",), (*axes, f"{element}: part"))
+    return ArraySchema(name, types, axes)
 
 
-def _chain_sizes(system: System) -> dict[str, int]:
+def chain_sizes(system: System) -> dict[str, int]:
     """The sizes of the arrays in a chain's file, by the names of their axes."""
     sizes = {"wavelength": len(system.wavelengths_m), "frame": system.frames}
     for name, shape in system.drive_shapes.items():
-        sizes |= {**dict(zip(_axes(name), shape, strict=True)), f"{name}: part": 2}
+        sizes |= {f"{name}: {axis}": n for axis, n in zip(("frame", "y", "x", "part"), (*shape, 2), strict=True)}
     return sizes
 
 
 def _chain_format(system: System) -> TensorFormat:
     """The format of a chain's file, which has the patterns of each element."""
-    drives = (
-        ArraySchema(f"drive/{name}", ("float32",), (*_axes(name), f"{name}: part"))
-        if name in complex_names(system)
-        else ArraySchema(f"drive/{name}", ("uint8", "float32"), _axes(name))
-        for name in system.drive_shapes
-    )
+    drives = (chain_schema(system, name, f"drive/{name}", "uint8", "float32") for name in system.drive_shapes)
     return replace(_FILE, tensors=(*drives, *_FILE.tensors[1:]))
 
 
@@ -220,6 +219,12 @@ class Hologram:
         _chain_format(self.system).write(path, known, texts)
 
 
+def system_with_elements(path: str | os.PathLike[str]) -> System | None:
+    """The system that a file of tensors holds as a list of elements, before its tensors are known; None without one."""
+    text = metadata_of(path).get("system", "")
+    return preset.loads(text, f"{path}: system", Path(path).parent) if "[[elements]]" in text else None
+
+
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     """Reads a hologram file that `Hologram.save` or `holoview optimise` wrote; also the file of a field.
 
@@ -236,11 +241,10 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     """
     if format_of(path) == FIELD_FORMAT:
         return _load_field_hologram(path)
-    text = metadata_of(path).get("system", "")
-    told = preset.loads(text, f"{path}: system", Path(path).parent) if "[[elements]]" in text else None
+    told = system_with_elements(path)
     with (_chain_format(told) if told is not None and told.is_chain else _FILE).open(path) as file:
         system = told or preset.loads(file.texts["system"], f"{path}: system", Path(path).parent)
-        tensors = file.tensors(_chain_sizes(system) if system.is_chain else drive_sizes(system))
+        tensors = file.tensors(chain_sizes(system) if system.is_chain else drive_sizes(system))
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):
             raise UserError(f"{path}: {name}", "contradict the file's own system", remedy="write the hologram again")

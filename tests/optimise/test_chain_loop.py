@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 
 import holoview as hv
 from holoview.holograms.optimise.chain_loop import ChainProblem
+from holoview.holograms.optimise.checkpoint import load_checkpoint
 from holoview.holograms.optimise.objective import make_objective
 from holoview.holograms.optimise.settings import LOSS_SPACES
 from holoview.holograms.view import random_drive
@@ -151,3 +153,40 @@ def test_amplitudes_stay_in_their_range_and_levels_are_shown() -> None:
 def test_what_is_not_known_of_chains_is_refused(settings: dict[str, Any], words: str) -> None:
     with pytest.raises(hv.UserError, match=words):
         next(iter(hv.iterate(_chain(_pixels("amplitude")), _STACK, hv.Settings(**settings))))
+
+
+@pytest.mark.parametrize("name", ["phase and amplitude", "complex, and a phase that all frames share"])
+def test_a_chain_goes_on_from_a_checkpoint_bit_for_bit(name: str, tmp_path: Path) -> None:
+    system, settings = _chain(*_CHAINS[name], frames=2), hv.Settings(iterations=7, free=("patterns", "amplitudes"))
+    whole = []
+    for state in hv.iterate(system, _STACK, settings):
+        whole.append(state)
+        if state.iteration == 2:
+            state.checkpoint().save(tmp_path / "checkpoint.safetensors")
+    found = list(hv.iterate(system, _STACK, settings, resume=load_checkpoint(tmp_path / "checkpoint.safetensors")))
+    assert [(s.iteration, s.loss, s.best_psnr_db) for s in found] == [
+        (s.iteration, s.loss, s.best_psnr_db) for s in whole[3:]
+    ]
+    assert all(np.array_equal(found[-1].best.drive[key], drive) for key, drive in whole[-1].best.drive.items())
+
+
+def test_a_checkpoint_of_another_chain_is_refused_with_the_difference(tmp_path: Path) -> None:
+    system, settings = _chain(*_CHAINS["phase and amplitude"]), hv.Settings(iterations=3)
+    next(iter(hv.iterate(system, _STACK, settings))).checkpoint().save(tmp_path / "checkpoint.safetensors")
+    stored, other = load_checkpoint(tmp_path / "checkpoint.safetensors"), system.with_(planes=["2 mm", "4 mm"])
+    with pytest.raises(hv.UserError, match="planes"):
+        next(iter(hv.iterate(other, _STACK, settings, resume=stored)))
+
+
+def test_the_best_of_a_checkpoint_stays_the_best(tmp_path: Path) -> None:
+    """Of a step so large that the first patterns are the best."""
+    system = _chain(_pixels("complex"))
+    settings = hv.Settings(iterations=6, step_rad=3.0)
+    whole = list(hv.iterate(system, _STACK, settings))
+    for state in hv.iterate(system, _STACK, settings):
+        if state.iteration == 4:
+            state.checkpoint().save(tmp_path / "checkpoint.safetensors")
+            break
+    *_, last = hv.iterate(system, _STACK, settings, resume=load_checkpoint(tmp_path / "checkpoint.safetensors"))
+    assert np.array_equal(last.best.drive["complex"], whole[-1].best.drive["complex"])
+    assert np.array_equal(last.best.system.amplitudes, whole[-1].best.system.amplitudes)

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,13 +21,19 @@ from scipy import ndimage
 
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.adam import Adam, sqrt_decay
-from holoview.holograms.optimise.checkpoint import IterationState
+from holoview.holograms.optimise.checkpoint import (
+    CHAIN_TENSORS,
+    Checkpoint,
+    CheckpointProgress,
+    IterationState,
+    target_digest,
+)
 from holoview.holograms.optimise.lasers import check_effects
 from holoview.holograms.optimise.objective import AmplitudeLeastSquares, Objective, make_objective
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor
-from holoview.light.model.drives import chain_drives
+from holoview.light.model.drives import chain_drives, complex_names
 from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Element, PhaseModulator
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
@@ -47,7 +53,14 @@ _BYTES = 48  # a sample of a field in torch's graph: field, spectrum, their prod
 
 
 def iterate_chain(
-    system: System, stack: Any, settings: Settings, start: Any = None, *, device: str = "cpu"
+    system: System,
+    stack: Any,
+    settings: Settings,
+    start: Any = None,
+    resume: Checkpoint | None = None,
+    *,
+    device: str = "cpu",
+    done: int = 0,
 ) -> Iterator[IterationState]:
     """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
 
@@ -58,8 +71,14 @@ def iterate_chain(
     problem = ChainProblem(system, stack, settings, device)
     patterns = ChainPatterns(system, settings, start)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
-    make_best = None
-    for iteration in range(settings.iterations + 1):
+    make_best, digest = None, target_digest(stack)
+    if resume is not None:
+        resume.check_matches(system, settings, digest, "checkpoint")
+        amplitudes, done = resume.tensors["amplitudes"].astype(np.float64), resume.progress.iteration
+        best, started = (resume.progress.best_loss, resume.progress.best_psnr_db), started - resume.progress.seconds
+        patterns.load(resume.tensors)
+        make_best = partial(_best_of, system, resume.tensors)
+    for iteration in range(done, settings.iterations + 1):
         is_last = iteration == settings.iterations
         shown = patterns.shown()
         found = problem.evaluate(shown, amplitudes)
@@ -78,29 +97,57 @@ def iterate_chain(
             gradients = torch.autograd.grad(loss, patterns.variables)
             patterns.step(gradients, sqrt_decay(iteration, settings.iterations))
         assert make_best is not None
+        eyebox, seconds = problem.eyebox_variation(found, amplitudes), time.perf_counter() - started
+        progress = CheckpointProgress(iteration + 1, seconds, *best, eyebox)
         yield IterationState(
             iteration=iteration,
             iterations=settings.iterations,
             loss=value,
             psnr_db=psnr_db,
             best_psnr_db=best[1],
-            eyebox=problem.eyebox_variation(found, amplitudes),
+            eyebox=eyebox,
             light=problem.light(found.intensity, amplitudes),
-            seconds=time.perf_counter() - started,
+            seconds=seconds,
             make_best=make_best,
             picture=partial(problem.objective.picture, image[len(image) // 2]),
-            checkpoint=_no_checkpoint,
+            checkpoint=partial(_checkpoint, system, settings, digest, progress, patterns, amplitudes, make_best),
         )
 
 
-def _no_checkpoint() -> NoReturn:
-    raise UserError("checkpoint", "of a chain of elements", expected="none: begin again from the hologram (--start)")
+def _checkpoint(
+    system: System,
+    settings: Settings,
+    digest: str,
+    progress: CheckpointProgress,
+    patterns: ChainPatterns,
+    amplitudes: Floats,
+    make_best: Callable[[], Hologram],
+) -> Checkpoint:
+    """Everything that is needed to go on, before the next state is asked for."""
+    best = make_best()
+    shown = {f"best_drive/{name}": _parts(drive) for name, drive in best.drive.items()}
+    lasers = {"amplitudes": amplitudes.copy(), "best_amplitudes": np.array(best.system.amplitudes)}
+    return Checkpoint(system, settings, digest, progress, {**patterns.tensors(), **shown, **lasers})
+
+
+def _parts(drive: NDArray[Any]) -> NDArray[np.float32]:
+    """Patterns as in a file: complex ones (frame, y, x, part)."""
+    both = np.stack([drive.real, drive.imag], axis=-1) if np.iscomplexobj(drive) else drive
+    return np.asarray(both, np.float32)
 
 
 def _maker(system: System, drives: dict[str, Tensor], amplitudes: Floats) -> Any:
     """Makes the hologram of some patterns when it is asked for."""
     arrays = {name: drive.cpu().numpy() for name, drive in drives.items()}
     return cache(lambda: Hologram(arrays, system.edit({"amplitudes": amplitudes})))
+
+
+def _best_of(system: System, tensors: Mapping[str, NDArray[np.floating]]) -> Hologram:
+    """The best hologram of a checkpoint."""
+    complexes = complex_names(system)
+    stored = {name: tensors[f"best_drive/{name}"] for name in system.drive_shapes}
+    drives = {name: a[..., 0] + 1j * a[..., 1] if name in complexes else a for name, a in stored.items()}
+    return Hologram(drives, system.edit({"amplitudes": tensors["best_amplitudes"]}))
 
 
 def check_known(settings: Settings, stack: Any) -> None:
@@ -306,6 +353,24 @@ class ChainPatterns:
     def variables(self) -> list[Tensor]:
         """The variables, in the order of the elements."""
         return list(self._variables.values())
+
+    def tensors(self) -> dict[str, NDArray[np.floating]]:
+        """The variables, Adam's moments and its number of steps, as of `Checkpoint`."""
+        out = dict[str, NDArray[np.floating]]()
+        for name, variable in self._variables.items():
+            adam = self._adams[name]
+            own = (variable.detach(), adam.first_moment, adam.second_moment)
+            for what, tensor in zip(CHAIN_TENSORS, own, strict=False):
+                out[f"{what}/{name}"] = tensor.numpy().copy()
+        return out | {"steps": np.array([float(next(iter(self._adams.values())).step_count)])}
+
+    def load(self, tensors: Mapping[str, NDArray[np.floating]]) -> None:
+        """Takes what `tensors` gave."""
+        for name, adam in self._adams.items():
+            drive, adam.first_moment, adam.second_moment = (
+                torch.from_numpy(np.array(tensors[f"{what}/{name}"], np.float32)) for what in CHAIN_TENSORS[:3]
+            )
+            self._variables[name], adam.step_count = drive, int(tensors["steps"][0])
 
     def step(self, gradients: Sequence[Tensor], decay: float) -> None:
         """Moves all patterns against the gradients of the `variables`, inside their ranges."""

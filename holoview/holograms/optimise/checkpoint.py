@@ -9,6 +9,8 @@ wavelengths best_wavelengths     float64 (wavelength,), m
 amplitude_moments                float64 (2, frame, wavelength), of Adam
 wavelength_moments               float64 (2, wavelength)
 steps                            float64 (3,): Adam's number of steps of patterns, amplitudes and wavelengths
+drive/NAME first/NAME …          of a chain in place of these, for each element: float32 (frame, y, x), of a complex one
+                                 (frame, y, x, part); with amplitudes and best_amplitudes; steps: float64 (1,)
 metadata                         format, version, system (TOML), settings and progress (JSON), digest of the target
 """
 
@@ -21,14 +23,21 @@ import math
 import os
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.hologram import Hologram, drive_schema, drive_sizes
+from holoview.holograms.hologram import (
+    Hologram,
+    chain_schema,
+    chain_sizes,
+    drive_schema,
+    drive_sizes,
+    system_with_elements,
+)
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model import preset
 from holoview.light.model.system import System
@@ -100,6 +109,23 @@ _FORMAT = TensorFormat(
 )
 
 
+CHAIN_TENSORS = ("drive", "first", "second", "best_drive")
+"""Of each element of a chain, by what stands before its name."""
+
+
+def _format_for(system: System | None) -> TensorFormat:
+    """The format of a checkpoint, which of a chain has tensors for each element."""
+    if system is None or not system.is_chain:
+        return _FORMAT
+    own = (
+        replace(chain_schema(system, name, f"{what}/{name}", "float32"), low=0.0 if what == "second" else -math.inf)
+        for name in system.drive_shapes
+        for what in CHAIN_TENSORS
+    )
+    lasers = (schema for schema in VARIABLE_TENSORS if schema.name in ("amplitudes", "best_amplitudes"))
+    return replace(_FORMAT, tensors=(*own, *lasers, ArraySchema("steps", _F64, (1,), low=0.0, high=1e9)))
+
+
 @dataclass(frozen=True)
 class CheckpointProgress:
     """How far an optimisation has come.
@@ -140,7 +166,7 @@ class Checkpoint:
             "progress": json.dumps(dataclasses.asdict(self.progress)),
             "target": self.target,
         }
-        _FORMAT.write(path, self.tensors, texts)
+        _format_for(self.system).write(path, self.tensors, texts)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """Raises UserError that names the difference, unless the checkpoint is of this system, settings and target.
@@ -156,11 +182,13 @@ class Checkpoint:
 
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Reads a checkpoint. Raises UserError when the file is missing, damaged, or something else."""
-    with _FORMAT.open(path) as file:
-        system = preset.loads(file.texts["system"], f"{path}: system")
+    told = system_with_elements(path)
+    with _format_for(told).open(path) as file:
+        system = told or preset.loads(file.texts["system"], f"{path}: system")
         settings = read_record(Settings, file.texts["settings"], f"{path}: settings", _FORMAT.what)
         progress = read_record(CheckpointProgress, file.texts["progress"], f"{path}: progress", _FORMAT.what)
-        return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(drive_sizes(system)))
+        sizes = chain_sizes(system) if system.is_chain else drive_sizes(system)
+        return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(sizes))
 
 
 def target_digest(stack: NDArray[np.floating], complex_target: ComplexTarget | None = None) -> str:

@@ -98,11 +98,9 @@ def iterate(
     if not 0 <= done <= settings.iterations:
         raise UserError("done", str(done), expected=f"from 0 to the {settings.iterations} iterations of the plan")
     if system.is_chain:
-        if resume is not None or done or team.size > 1:
-            raise UserError(
-                "optimisation", "goes on or is shared, of a chain of elements", expected="one process, anew"
-            )
-        return iterate_chain(system, stack, settings, start, device=device)
+        if team.size > 1:
+            raise UserError("optimisation", "shared by processes, of a chain of elements", expected="one process")
+        return iterate_chain(system, stack, settings, start, resume, device=device, done=done)
     return Optimiser(system, stack, settings, start, resume, device, team, record, done, beside).states()
 
 

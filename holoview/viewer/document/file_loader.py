@@ -486,6 +486,7 @@ def _file(path: Path, system: System, open_field: Callable[[list[Path], ReadRequ
         return FileContent("hologram", path.name, hologram.system, hologram.drive, path=path)
     if file_type == "holoview-checkpoint":
         checkpoint = load_checkpoint(path)
+        checkpoint.system.require_short_form("a checkpoint in the viewer")
         lasers = {
             "wavelengths": checkpoint.tensors["best_wavelengths"],
             "amplitudes": checkpoint.tensors["best_amplitudes"],
