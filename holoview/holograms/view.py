@@ -18,7 +18,6 @@ from holoview.light.engine.backend import open_executor, simulation_bytes
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.light_share import LightShares, figures_of, light_shares, needs_transforms
 from holoview.light.model.bench_parts import Modulator, Relay, Source
-from holoview.light.model.chain import needs_short_form
 from holoview.light.model.drives import chain_drives, short_drive
 from holoview.light.model.effects.registry import ActiveEffects
 from holoview.light.model.elements import ComplexModulator
@@ -345,7 +344,7 @@ def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
 
 
 def as_field(hologram: Hologram) -> Hologram:
-    """The field behind the last modulator of a hologram, with the bench from there to the eye, which shows the same.
+    """The field behind the last modulator, or the last element of a chain, with the bench from there to the eye, which shows the same.
 
     hologram: patterns lit by one wave; a field is returned as it is. Effects on the transmission of modulators and on
     the light before them, such as `source_field`, are in the field.
@@ -362,8 +361,6 @@ def as_field(hologram: Hologram) -> Hologram:
     system = hologram.system
     if system.is_field:
         return hologram
-    if system.is_chain:
-        raise needs_short_form("the field")
     if len(system.source.directions_rad) > 1 or not _ends_at_modulators(system):
         count = len(system.source.directions_rad)
         found = f"{count} directions of the source" if count > 1 else "effects on lasers or relays"
@@ -371,20 +368,25 @@ def as_field(hologram: Hologram) -> Hologram:
         raise UserError("field", found, expected=expected, remedy="take them away with --set")
     from holoview.light.engine.torch_executor import stage_field  # slow start: importing torch takes a second
 
-    upsample, modulator, relay = system.sampling.upsample, system.modulators[-1], system.relay2
-    shape = (modulator.shape[0] * upsample, modulator.shape[1] * upsample)
-    square = None if relay.square is None or relay.square.half_side_na else relay.square.scaled(1 / upsample)
+    way = system.way
+    relay, in_order = way.relays[way.last], way.sample_m / way.orders_m[way.last]
+    square = relay.square and replace(relay.square, of="")
+    if square is not None and not square.half_side_na:
+        square = square.scaled(in_order)
     plane_m, last = float(system.planes_m[0]), system.stages[system.stages.index("stop") - 1]
-    values = np.empty((system.frames, len(system.wavelengths_m), *shape), np.complex64)
+    values = np.empty((system.frames, len(system.wavelengths_m), *way.shape), np.complex64)
     for frame, laser in np.ndindex(*values.shape[:2]):
         values[frame, laser] = stage_field(system, hologram.drive, last, plane_m, laser=laser, frame=frame).values
     behind = replace(
         system,
-        modulators=(Modulator(modulator.pitch_m / upsample, shape, content="field"),),
+        elements=(),
+        planes_from="",
+        planes_m=system.planes_m - way.behind_m,
+        modulators=(Modulator(way.sample_m, way.shape, content="field"),),
         gap_m=None,
         source=Source(),
         relay1=Relay(),
-        relay2=relay if square is None else replace(relay, square=square),
+        relay2=replace(relay, square=square),
         sampling=replace(system.sampling, upsample=1),
         effects=(),
     )

@@ -12,6 +12,8 @@ import pytest
 from PIL import Image
 
 import holoview as hv
+from holoview.holograms.targets.picture import read_picture
+from holoview.holograms.targets.target import target_for
 from holoview.holograms.view import random_drive
 from holoview.light.model import preset
 from holoview.light.model.chain_numbers import flattered_by
@@ -76,11 +78,33 @@ def test_patterns_are_exported_by_the_names_of_the_elements(holoview: Callable[.
         assert np.array_equal(pixels, np.rint(drive[name][0] * 255).astype(np.uint8))
 
 
+def test_the_light_of_a_point_of_a_chain_is_explained(holoview: Callable[..., Any], chain: Path) -> None:
+    found = json.loads(holoview("point", "chain.safetensors", "--json", "-o", "point.png").out)
+    assert sum(order["share"] for order in found["orders"]) == pytest.approx(1.0)
+    assert [Path(name).name for name in found["files"][3:]] == ["point-areas-1.png", "point-areas-2.png"]
+
+
+def test_the_field_behind_a_chain_is_written_and_shows_the_same(holoview: Callable[..., Any], chain: Path) -> None:
+    assert holoview("export", "chain.safetensors", "--field", "field.safetensors").code == 0
+    field, whole = (hv.load_hologram(chain / f"{name}.safetensors") for name in ("field", "chain"))
+    seen, expected = (hv.simulate(one, backend="torch64").intensity for one in (field, whole))
+    # of a field in complex64
+    np.testing.assert_allclose(seen, expected, atol=1e-6 * expected.max())
+
+
+def test_an_optimisation_of_a_chain_goes_on_from_its_checkpoint(holoview: Callable[..., Any], chain: Path) -> None:
+    command = ("optimise", "chain.toml", "picture.png", "--iterations", 4, "-o", "found.safetensors")
+    system = preset.load(chain / "chain.toml")
+    stack = target_for(system, read_picture(chain / "picture.png")).stack
+    first = next(iter(hv.iterate(system, stack, hv.Settings(iterations=4))))
+    first.checkpoint().save(chain / "begun.safetensors")
+    outcome = holoview(*command, "--resume", "begun.safetensors", "--json")
+    assert outcome.code == 0 and json.loads(outcome.out)["iterations"] == 4
+
+
 REFUSING = {
     "bench": ("bench", "chain.toml", "--rounds", 1),
     "a page": ("export", "chain.safetensors", "--html", "page.html"),
-    "a field": ("export", "chain.safetensors", "--field", "field.safetensors"),
-    "a point": ("point", "chain.toml"),
     "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),
     "captures of a Fourier bench": ("captures", "make", "chain.toml", "--focal-length", "0.1m", "-o", "captures.h5"),
     "a named method": ("optimise", "chain.toml", "picture.png", "--method", "gerchberg-saxton"),
@@ -91,7 +115,7 @@ REFUSING = {
     "an effect": ("render", "chain.toml", "--effects", "gap.gap_error=0.1mm"),
     "the short form's keys": ("info", "chain.toml", "--set", "gap=2mm"),
     "a pitch of all": ("info", "chain.toml", "--set", "pitch=8um"),
-    "a checkpoint": ("optimise", "chain.toml", "picture.png", "--resume", "chain.safetensors"),
+    "a hologram as a checkpoint": ("optimise", "chain.toml", "picture.png", "--resume", "chain.safetensors"),
 }
 
 

@@ -37,7 +37,10 @@ from holoview.util import units
 from holoview.util.errors import UserError
 
 ONLY_SHORT_FORM = "one or two phase modulators of equal pitch and shape"
-_REMEDY = "of a chain there are `holoview info`, `render`, `point`, `optimise`, `captures` and `diagnose`"
+_REMEDY = (
+    "of a chain there are `holoview info`, `render`, `point`, `optimise`, `captures` and `diagnose`; pages and the "
+    "window take the field of its hologram, which `holoview export --field` writes"
+)
 _WHOLE = 1e-6  # of a sample: what is a whole multiple of it
 _MOST_UPSAMPLE = 16
 _MOST_ELEMENTS = 64
