@@ -344,7 +344,7 @@ def _with_drive(system: System | Hologram, drive: Any) -> tuple[System, Any]:
 
 
 def as_field(hologram: Hologram) -> Hologram:
-    """The field behind the last modulator, or the last element of a chain, with the bench from there to the eye, which shows the same.
+    """The field behind the last element of a hologram, with the bench from there to the eye, which shows the same.
 
     hologram: patterns lit by one wave; a field is returned as it is. Effects on the transmission of modulators and on
     the light before them, such as `source_field`, are in the field.
