@@ -17,9 +17,13 @@ from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarF
 from tests.explored import explored
 
 KNOWN: dict[str, Any] = {"wavelength_m": WAVELENGTH_M, "pitch_m": PITCH_M, "camera_pitch_m": CAMERA_PITCH_M}
+PATTERN = (48, 64)
+BENCH = FarField(coma=-0.3, defocus=0.1)
+SMALL = FarField(radius=20.0, coma=0, defocus=0, axis=(58.0, 82.0), shape=(120, 160))
+"""Half as many pixels along a side, and in the disc, where no length and no noise is measured: a fourth of the time."""
 
 
-@pytest.mark.parametrize("orientation", explored(SHAPE_KEEPING, 2))
+@pytest.mark.parametrize("orientation", explored(SHAPE_KEEPING, ["flip_x"]))
 def test_orientation_focal_length_and_axis_are_found(orientation: str) -> None:
     bench = FarField(coma=-0.5, defocus=0.2)
     pattern = spread_pattern(3)
@@ -37,35 +41,34 @@ def test_orientation_focal_length_and_axis_are_found(orientation: str) -> None:
 
 
 def test_the_saturated_zero_order_and_what_is_masked_are_left_out() -> None:
-    pattern, picture = spread_pattern(5), photograph(spread_pattern(5), FarField(coma=0, defocus=0), seed=6)
+    pattern = spread_pattern(5, PATTERN)
+    picture = photograph(pattern, SMALL, seed=6)
     usable = np.ones(picture.shape, bool)
-    usable[:, 300:] = False
+    usable[:, 150:] = False
     found = import_pictures([PictureAndPattern(picture, pattern)], focal_length_m=0.25, usable=usable, **KNOWN)
-    row, column = (round(a) for a in FarField().axis)
+    row, column = (round(a) for a in SMALL.axis)
     kept = found.captures.usable_pixels(0)
     assert not kept[row - 1 : row + 2, column - 1 : column + 2].any()
-    assert not kept[:, 300:].any()
-    assert kept[:, :300].mean() > 0.9  # the zero order is a spot
+    assert not kept[:, 150:].any()
+    assert kept[:, :150].mean() > 0.9  # the zero order is a spot
     assert (found.captures.images[0] == picture).all()  # nothing is painted over
     assert not prepare_captures(found.captures).usable[0][~kept].any()
 
 
 def test_a_pattern_that_was_not_shown_is_refused() -> None:
-    picture = photograph(spread_pattern(7), FarField(coma=0, defocus=0), seed=8)
-    other = np.random.default_rng(9).integers(0, 256, (96, 128)).astype(np.uint8)
+    picture = photograph(spread_pattern(7, PATTERN), SMALL, seed=8)
+    other = np.random.default_rng(9).integers(0, 256, PATTERN).astype(np.uint8)
     with pytest.raises(UserError, match="stands nowhere"):
         import_pictures([PictureAndPattern(picture, other)], focal_length_m=0.25, **KNOWN)
 
 
-BENCH = FarField(coma=-0.3, defocus=0.1)
-
-
 def _shown(seeds: list[int], wrong: int | None = None) -> list[PictureAndPattern]:
     """Pictures of one bench with their patterns; the pattern of the picture `wrong` is another one."""
-    patterns = [spread_pattern(seed) for seed in seeds]
-    pictures = [photograph(pattern, BENCH, seed=seed + 100) for pattern, seed in zip(patterns, seeds, strict=True)]
+    bench, shape = (BENCH, (96, 128)) if wrong is None else (replace(SMALL, coma=-0.3, defocus=0.1), PATTERN)
+    patterns = [spread_pattern(seed, shape) for seed in seeds]
+    pictures = [photograph(pattern, bench, seed=seed + 100) for pattern, seed in zip(patterns, seeds, strict=True)]
     if wrong is not None:
-        patterns[wrong] = spread_pattern(999)
+        patterns[wrong] = spread_pattern(999, shape)
     pairs = enumerate(zip(pictures, patterns, strict=True))
     return [PictureAndPattern(a, b, f"seen{k}.png", f"mask{k}.png") for k, (a, b) in pairs]
 
