@@ -30,6 +30,7 @@ def test_an_extended_source_is_tried_in_place_of_the_blur_that_imitates_it(make_
     assert best.excess < 0.3 * blurred.best.excess
 
 
+@pytest.mark.explores
 def test_it_is_tried_in_place_of_a_lone_blur_but_not_of_another_costly_effect(make_context: MakeContext) -> None:
     """Small: between the first two points of its scan, of which the last takes hundreds of fields a capture."""
     context = make_context({"source_extent": {"radius": 0.8e-3}})

@@ -48,14 +48,20 @@ def _diagnosed(captures: Captures) -> Diagnosis:
     return diagnose(captures, [EFFECTS[n] for n in FEW], workers=1, free_maps=False)
 
 
-@pytest.mark.parametrize("seed", range(KINDS))
+@pytest.mark.parametrize("seed", explored(range(KINDS), 3))
 def test_a_bench_without_a_fault_is_consistent(seed: int) -> None:
     """A file is called anything else with a chance of 1e-6, and one of its captures is blamed with 1e-6 at most."""
     found = solve(seed, SMALLEST, [EFFECTS[n] for n in FEW])
     assert found.is_right, found
 
 
-@pytest.mark.parametrize("kind, noise", [*((kind, 3) for kind in real_benches.KINDS), ("picture", 5)])
+@pytest.mark.parametrize(
+    "kind, noise",
+    [
+        ("picture", 5),
+        *(pytest.param(k, 3, marks=() if k == "near" else pytest.mark.explores) for k in real_benches.KINDS),
+    ],
+)
 def test_nor_is_the_area_of_camera_pixels_a_fault(kind: str, noise: int, tmp_path: Path) -> None:
     """Of a simulator that shares no code, whose camera pixels integrate. Of a picture the gain, the black level,
     the axis and the scale are estimated, which are no faults either: with the second noise the black level, which is

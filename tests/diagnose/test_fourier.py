@@ -14,6 +14,7 @@ from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.report import error_places
 from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
+from tests.explored import explored
 
 SATURATED = 9  # pixels each way about the zero order
 
@@ -93,7 +94,9 @@ def _averaged(effects: dict[str, dict[str, float]], seed: int) -> Captures:
 FEW = ("stroke", "camera_blur", "camera_black", "tilt")
 
 
-@pytest.mark.parametrize("effects", [{}, {"camera_blur": {"sigma": 3.0}}, {"stroke": {"stroke_error": 0.1}}])
+@pytest.mark.parametrize(
+    "effects", explored([{}, {"camera_blur": {"sigma": 3.0}}, {"stroke": {"stroke_error": 0.1}}], 2)
+)
 def test_camera_pixels_that_integrate_arent_a_blur(effects: dict[str, dict[str, float]]) -> None:
     """A blur that is more than the pixels' area is named, and no other one."""
     found = diagnose(_averaged(effects, 5), [listed_effects()[n] for n in FEW], workers=1, free_maps=False)

@@ -75,6 +75,7 @@ def test_errors_of_a_measurement_are_corrected_and_only_the_fault_is_named(fault
     assert any(note.startswith("Known effects were corrected") for note in found.notes)
 
 
+@pytest.mark.explores
 def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
     errors = {"gap": {"gap_error": 30e-6}}
     found = _diagnosed(_measured({}, errors))

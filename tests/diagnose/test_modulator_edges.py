@@ -9,15 +9,16 @@ from holoview.bench.diagnose.judge import Verdict
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import NOISE_CHI2, small_system
+from tests.explored import explored
 
 AMONG = ["crosstalk", "fringing", "lut", "stroke", "stroke_map", "twisted_nematic", "undiffracted"]
 HALF_WIDTHS = 3.0  # of the 95 % interval: 5.9 standard deviations
 
 
-@pytest.mark.parametrize(
-    "hidden",
-    [{"fringing": {"width_x": 0.4}}, {"fringing": {"width_x": -0.4}}, {"twisted_nematic": {"slope": 0.2, "bow": -0.1}}],
-)
+HIDDEN = [{"twisted_nematic": {"slope": 0.2, "bow": -0.1}}, *({"fringing": {"width_x": x}} for x in (0.4, -0.4))]
+
+
+@pytest.mark.parametrize("hidden", explored(HIDDEN, 1))
 def test_it_is_named_with_its_sign(hidden: dict[str, dict[str, float]]) -> None:
     captures = make_captures(small_system(), hidden, AcquisitionSettings(captures_per_condition=4, seed=3))
     library = listed_effects()

@@ -14,7 +14,6 @@ from holoview.bench.diagnose.speckle_evidence import light_by_speckle
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
-from tests.explored import explored
 
 KNOWN: dict[str, Any] = {"wavelength_m": WAVELENGTH_M, "pitch_m": PITCH_M, "camera_pitch_m": CAMERA_PITCH_M}
 HALF_PX = 64.0  # of the modulator's longer side
@@ -29,7 +28,8 @@ def _captures(bench: FarField, seed: int, pictures: int = 1) -> Captures:
     return import_pictures(shown, focal_length_m=0.25, **KNOWN).captures
 
 
-@pytest.mark.parametrize("pictures", explored([1, 2], 1))
+@pytest.mark.explores
+@pytest.mark.parametrize("pictures", [1, 2])
 def test_a_disc_with_coma_and_half_the_stroke_is_named_and_measured(pictures: int) -> None:
     """Coma a·(3ρ³ − 2ρ)·cos is a/√8 r.m.s., which is Noll's z8. The edge exp(−ρ⁸) is at ρ = 1 where the beam's is."""
     bench = FarField()
@@ -45,6 +45,7 @@ def test_a_disc_with_coma_and_half_the_stroke_is_named_and_measured(pictures: in
     assert found.speckle.significance > 5
 
 
+@pytest.mark.explores
 def test_pictures_that_another_pattern_made_have_no_such_light() -> None:
     """The captures' own patterns were never shown: no light makes their speckle stand, and none is named."""
     captures = _captures(FarField(coma=-0.3, defocus=0.1), 30)
