@@ -12,6 +12,7 @@ from benchmarks.effect_consumers import Consumer, benches, consumers, deviation,
 from holoview.light.model.effects.registry import ActiveEffects, listed_effects
 from holoview.light.model.system import System
 from tests.chromium import needs_chromium
+from tests.explored import explored
 
 pytestmark = [pytest.mark.gpu, needs_chromium]
 
@@ -47,7 +48,14 @@ def opened() -> Iterator[dict[str, Consumer]]:
         yield found
 
 
-@pytest.mark.parametrize("effect", [*listed_effects(), *TOGETHER])
+BY_DEFAULT = (
+    *("amplitude_gamma", "aberration1", "ambient", "crosstalk", "distance", "gap", "ghost", "iris2", "laser_power"),
+    *("slm1_stuck", "slm_alignment", "source_profile", "tilt", TOGETHER[1]),
+)
+"""One of each kind: levels, patterns, phases, stops, lasers, lengths, light beside; runs that explore take all."""
+
+
+@pytest.mark.parametrize("effect", explored([*listed_effects(), *TOGETHER], BY_DEFAULT))
 def test_an_effect_is_the_same_everywhere(effect: str, kinds: Kinds, opened: dict[str, Consumer]) -> None:
     assert opened.keys() == TOLERANCES.keys()
     wrong, changes, active = {}, [0.0], ActiveEffects({name: dict(values_of(name)) for name in effect.split("+")})

@@ -101,6 +101,7 @@ def test_a_sweep_goes_on_where_it_was_and_computes_anew_what_changed(holoview: H
     assert Path("s.csv").read_text(encoding="utf-8") != text
 
 
+@pytest.mark.explores
 def test_workers_find_what_one_process_finds(holoview: Holoview) -> None:
     system = small()
     Hologram(random_drive(system, 0), system).save("h.safetensors")  # --reseed moves no seeds of other processes
