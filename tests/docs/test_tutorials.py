@@ -8,15 +8,9 @@ import pytest
 
 from docs._hooks.tutorials import Tutorial, pages, working_in
 
-QUICK = {"render-for-a-paper"}
-"""The tutorial that takes least; the others take more than 20 s."""
 
-
-@pytest.mark.parametrize(
-    "page",
-    [page if page.stem in QUICK else pytest.param(page, marks=pytest.mark.explores) for page in pages()],
-    ids=lambda path: path.stem,
-)
+@pytest.mark.explores
+@pytest.mark.parametrize("page", pages(), ids=lambda path: path.stem)
 def test_does_what_it_shows(page: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     if request.config.getoption("reseed") or request.config.getoption("other_noise"):
         pytest.skip("the page shows the numbers of its own seeds")
