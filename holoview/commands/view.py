@@ -97,7 +97,6 @@ def run(args: argparse.Namespace) -> int:
     _check(args)
     serve_options = _serve_options(args)
     system = _system(args)
-    system.require_short_form("the window")
     names = [name for name in args.names if not _is_preset(name)]
     names = list(args.names) if not names and len(args.names) > 1 else names  # benches beside each other
     request = request_from_args(args) if has_field_options(args) else None

@@ -130,18 +130,29 @@ def run_stages(
     behind: called with the spectrum behind the last modulator of each frame and source, and the weight of its light.
     """
     plan = executor.plan
-    planes = range(len(plan.planes))
-    for plane in planes:
+    for plane in range(len(plan.planes)):
         executor.clear(plane)
     for frame in plan.lit(wavelength):
         for source in range(len(plan.slopes)):
-            spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-            weight = float(plan.weights[frame, wavelength])
-            if behind is not None:
-                behind(spectrum, weight)
-            for plane in planes:
-                seen = executor.transmit(spectrum, plan.way.last, wavelength, plane)
-                executor.accumulate(executor.field(seen, plan.way.last), plane, weight)
+            add_beam(executor, wavelength, frame, source, behind)
+
+
+def add_beam(
+    executor: Executor[Field],
+    wavelength: int,
+    frame: int,
+    source: int,
+    behind: Callable[[Field, float], None] | None = None,
+) -> None:
+    """Add the light of a frame and a source to the intensities of all planes. behind: as of `run_stages`."""
+    plan = executor.plan
+    spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
+    weight = float(plan.weights[frame, wavelength])
+    if behind is not None:
+        behind(spectrum, weight)
+    for plane in range(len(plan.planes)):
+        seen = executor.transmit(spectrum, plan.way.last, wavelength, plane)
+        executor.accumulate(executor.field(seen, plan.way.last), plane, weight)
 
 
 def compute_focal_stack(

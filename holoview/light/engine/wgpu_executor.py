@@ -77,7 +77,7 @@ class WgpuExecutor:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
         if self._fused is None:
             run_stages(self, wavelength)
-            self._forget_beams()
+            self.forget_beams()
             return
         sources = range(len(self.plan.slopes))
         spans = [WavelengthSpan(frame, source, wavelength) for frame in self.plan.lit(wavelength) for source in sources]
@@ -96,7 +96,7 @@ class WgpuExecutor:
                     self._recording(), span, second, target, weight=weight, accumulates=number > 0
                 )
 
-    def _forget_beams(self) -> None:
+    def forget_beams(self) -> None:
         """Gives back the tables of a wavelength of a chain, which has one for each element and frame."""
         self.submit()
         self._buffers, self._dispatches = {}, {}
@@ -188,6 +188,15 @@ class WgpuExecutor:
         """XYZ (plane, y, x, 3) float32; submits the recorded work."""
         self.submit()
         return np.stack([self._compositor.download_xyz(xyz) for xyz in self._xyz])
+
+    @property
+    def compositor(self) -> Compositor:
+        """What adds intensities to XYZ."""
+        return self._compositor
+
+    def xyz_buffer(self, plane: int) -> Buffer:
+        """XYZ of a plane, f32 (y, x, 4), on the device."""
+        return self._xyz[plane]
 
     def submit(self, wait: bool = False) -> None:
         """Submit the recorded work; with `wait`, return after it has run."""

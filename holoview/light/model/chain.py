@@ -109,6 +109,18 @@ def short_form(elements: Sequence[Element], planes_from: str) -> ShortForm | Non
     return ShortForm(found, gap_m, relays[0] if len(spaces) == 2 else Relay(), relays[-1])
 
 
+def focal_lengths_m(
+    shape: tuple[int, int], sample_m: float, pitch_m: float, wavelengths_m: NDArray[np.float64]
+) -> tuple[float, float]:
+    """The shortest focal length that samples hold at all wavelengths, W·dx/λ, and the longest of a Fourier plane, W·p/λ.
+
+    shape, sample_m: of the field, its samples (y, x) and their pitch. pitch_m: of the pixels, whose first order the
+    Fourier plane holds.
+    """
+    least_m = max(shape) * sample_m**2 / float(wavelengths_m.min())
+    return least_m, min(shape) * sample_m * max(pitch_m, sample_m) / float(wavelengths_m.max())
+
+
 # --- the way of the light ---------------------------------------------------------------------------------------------
 
 
@@ -446,8 +458,7 @@ class _Walk:
         f_m, sides_m = abs(element.focal_length_m), [n * self.sample_m for n in self.shape]
         if isinstance(element, Lens):
             f_m = min(abs(element.focal_length_at(float(λ))) for λ in self.wavelengths_m)
-        least_m = max(sides_m) * self.sample_m / float(self.wavelengths_m.min())
-        most_m = min(sides_m) * max(pitch_m, self.sample_m) / float(self.wavelengths_m.max())
+        least_m, most_m = focal_lengths_m(self.shape, self.sample_m, pitch_m, self.wavelengths_m)
         field = " × ".join(units.format_rounded(side, "mm") for side in sides_m)
         if f_m < least_m * (1 - _WHOLE):
             raise UserError(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import partial
 from typing import ClassVar
 
 from imgui_bundle import imgui
 
+from holoview.light.model.chain import needs_short_form
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.document.editing_session import MessageLog
 
@@ -30,6 +30,7 @@ class Panel(ABC):
     dock: ClassVar[str] = "Left"
     starts_open: ClassVar[bool] = True
     flags: ClassVar[int] = 0
+    needs_short_form: ClassVar[str] = ""
 
     def set_up(self, context: AppContext) -> None:  # noqa: B027 (most panels have nothing to set up)
         """Called once, before the first frame: adds commands and overlays."""
@@ -100,8 +101,8 @@ class GuardedPanel(DrawGuard):
     """A panel whose errors leave the other panels working."""
 
     def __init__(self, panel: Panel, context: AppContext) -> None:
-        super().__init__(panel.title, partial(panel.draw, context), context.session.messages)
-        self.panel = panel
+        super().__init__(panel.title, self._draw_panel, context.session.messages)
+        self.panel, self._context = panel, context
 
     def draw(self) -> None:
         """Draws the panel, in a dock that leaves all the width to its tabs."""
@@ -109,3 +110,9 @@ class GuardedPanel(DrawGuard):
         if node is not None and node.local_flags & _BARE != _BARE:
             node.set_local_flags(node.local_flags | _BARE)
         super().draw()
+
+    def _draw_panel(self) -> None:
+        if self.panel.needs_short_form and self._context.session.system.is_chain:
+            imgui.text_wrapped(str(needs_short_form(self.panel.needs_short_form)))
+            return
+        self.panel.draw(self._context)

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from holoview.holograms.targets.framing import Framing
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.targets.target import Placement
 from holoview.light.model import preset
+from holoview.light.model.elements import ElementsField
 from holoview.light.model.focus import PupilPath
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -35,7 +37,7 @@ from holoview.util.file_writer import make_folder, write_file
 from holoview.util.files import read_text
 from holoview.util.safetensors_file import TensorFormat
 from holoview.util.tables import ArraySchema, parse_json_table, record_from_table, typed_value
-from holoview.viewer.document.document import Document, HistoryStep, Looks, LookStep, as_readonly_drive
+from holoview.viewer.document.document import Document, HistoryStep, Looks, LookStep, Parked, as_readonly_drive
 from holoview.viewer.document.editing_session import OptimisationChoices
 from holoview.viewer.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.viewer.document.target_builder import TargetSpec, example_target
@@ -164,7 +166,8 @@ class SessionArchive:
             targets.setdefault(target_key, self._target_table(document.target_spec))
         return {
             "system": system_key,
-            "drive": self._store_array(document.drive),
+            "drive": self._store_drive(document.drive),
+            "parked": [self._parked_table(parked) for parked in document.parked],
             "wanted": target_key,
             "origin": document.origin,
             "path": None if document.path is None else str(document.path),
@@ -193,7 +196,20 @@ class SessionArchive:
             return table | {"stack": str(target_spec.source)}
         return table | {"picture": self._store_array(target_spec.source.rgb), "source": target_spec.source.source}
 
-    def _store_array(self, array: Drive) -> str:
+    def _parked_table(self, parked: Parked) -> dict[str, Any]:
+        """The JSON of an element that is switched off."""
+        drive = None if parked.drive is None else self._store_drive({parked.name: parked.drive})
+        elements = ElementsField().to_toml(parked.elements)
+        own = {"name": parked.name, "behind": parked.behind, "shift_m": parked.shift_m}
+        return {**own, "elements": elements, "drive": drive}
+
+    def _store_drive(self, drive: Drive) -> str | dict[str, list[Any]]:
+        """Stores a drive; of a chain the name of each array, and whether its numbers are complex."""
+        if not isinstance(drive, Mapping):
+            return self._store_array(drive)
+        return {name: [self._store_array(array), bool(np.iscomplexobj(array))] for name, array in drive.items()}
+
+    def _store_array(self, array: NDArray[Any]) -> str:
         """Writes an array to a file named by its hash, unless that exists; returns the name without suffix."""
         entry = self._names.get(id(array))
         if entry is None or entry[0]() is not array:
@@ -206,8 +222,8 @@ class SessionArchive:
         return entry[1]
 
 
-def _as_real(drive: Drive) -> NDArray[np.float32]:
-    """A drive as it is stored: the values of a field as pairs of real numbers, without a copy."""
+def _as_real(drive: NDArray[Any]) -> NDArray[np.float32]:
+    """A drive as it is stored: complex values as pairs of real numbers, without a copy."""
     return drive[..., None].view(np.float32) if np.iscomplexobj(drive) else drive
 
 
@@ -303,12 +319,13 @@ class _Reader:
             system = self._system(entry["system"])
             return Document(
                 system,
-                self._field(entry["drive"]) if system.is_field else self._array(entry["drive"]),
+                self._drive(entry["drive"], is_field=system.is_field),
                 self._view(entry["look"]),
                 None if entry["wanted"] is None else self._target(entry["wanted"]),
                 typed_value(entry["origin"], str, "origin"),
                 None if entry["path"] is None else Path(typed_value(entry["path"], str, "path")),
                 self._recorded(entry.get("recorded")),
+                tuple(self._parked(parked) for parked in entry.get("parked", ())),
             )
         except _DAMAGE as error:
             self.unreadable.append(f"{what}: {_reason(error)}")
@@ -350,6 +367,23 @@ class _Reader:
         if key not in self._systems:
             self._systems[key] = preset.loads(self._table["systems"][key], "saved system", self._folder)
         return self._systems[key]
+
+    def _parked(self, table: Mapping[str, Any]) -> Parked:
+        name = typed_value(table["name"], str, "name")
+        return Parked(
+            name,
+            ElementsField().parse(table["elements"], "parked"),
+            typed_value(table["behind"], str, "behind"),
+            typed_value(table["shift_m"], float, "shift_m"),
+            None if table["drive"] is None else self._drive(table["drive"])[name],
+        )
+
+    def _drive(self, entry: Any, *, is_field: bool = False) -> Drive:
+        """A drive; that of a chain is a table of names and whether the numbers are complex."""
+        if not isinstance(entry, Mapping):
+            return self._field(entry) if is_field else self._array(entry)
+        read = {name: (self._field if is_complex else self._array)(array) for name, (array, is_complex) in entry.items()}
+        return MappingProxyType(read)
 
     def _array(self, name: str) -> NDArray[np.float32]:
         if name not in self._arrays:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.load_field import Recorded
+from holoview.light.model.drives import chain_drives, complex_names
+from holoview.light.model.elements import ComplexModulator, Element, PhaseModulator
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.viewer.document.target_builder import TargetSpec
@@ -23,11 +26,28 @@ from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS, NamedRe
 
 
 @dataclass(frozen=True, eq=False)
+class Parked:
+    """An element of a bench that is switched off, and what it takes to switch it on again.
+
+    name: of the element. elements: those that were taken away with it, itself among them; empty of a modulator, which
+    shows nothing in place of `drive`, its patterns; of a space itself with its stops. behind: the name of the element
+    before them, "" for the source. shift_m: how much farther the planes are meanwhile.
+    """
+
+    name: str
+    elements: tuple[Element, ...] = ()
+    behind: str = ""
+    shift_m: float = 0.0
+    drive: Drive | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Document:
     """The data that are edited and undone as a whole.
 
     drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only; of a field its values
-    (frame, wavelength, y, x), complex64. origin: where the patterns come from, in words. path: the hologram file that
+    (frame, wavelength, y, x), complex64; of a chain a mapping of patterns (frame, y, x) by the names of its elements.
+    parked: elements that were switched off, with their place and patterns. origin: where the patterns come from, in words. path: the hologram file that
     they were read from or written to. recorded: the recording that the field is cut out of; any other drive takes it
     away. View settings that refer to lasers, frames, modulators or samples that don't
     exist, or to a plane before the modulator, are adjusted. Raises UserError when the drive doesn't have the shape that
@@ -41,16 +61,20 @@ class Document:
     origin: str = ""
     path: Path | None = None
     recorded: Recorded | None = None
+    parked: tuple[Parked, ...] = ()
 
     def __post_init__(self) -> None:
-        self.system.require_short_form("the window")
-        if self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:
+        if self.system.is_chain:
+            object.__setattr__(self, "drive", _chain_drive(self.system, self.drive))
+        elif isinstance(self.drive, Mapping) or self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:
             raise UserError(
-                "patterns", f"shape {self.drive.shape}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"
+                "patterns", f"shape {np.shape(self.drive)}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"
             )
-        object.__setattr__(self, "drive", as_readonly_drive(self.drive))
+        else:
+            object.__setattr__(self, "drive", as_readonly_drive(self.drive))
+        patterns = 1 if self.system.is_field else len(self.system.drive_shapes)
         view = self.view_settings.clamped_to(
-            len(self.system.wavelengths_m), self.image_shape, self.system.frames, len(self.system.modulators)
+            len(self.system.wavelengths_m), self.image_shape, self.system.frames, patterns
         )
         if view.plane_m < self.system.plane_type.item.low:
             view = view.with_(plane_m=middle_plane(self.system))
@@ -86,7 +110,7 @@ class Document:
     @property
     def sample_pitch_m(self) -> float:
         """Distance in metres between samples of the simulated image."""
-        return self.system.modulators[0].pitch_m / self.system.sampling.upsample
+        return self.system.way.sample_m
 
     @property
     def lit_system(self) -> System:
@@ -119,12 +143,14 @@ class Document:
         Raises UserError when the result is impossible.
         """
         system = changes.get("system", self.system)
-        if "drive" not in changes and system.drive_shape != self.drive.shape:
-            drive, note = fit_drive(self.drive, system.drive_shape)
+        if "drive" not in changes and not _fits(system, self.drive):
+            drive, note = fit_patterns(self.system, self.drive, system)
             changes = {**changes, "drive": drive}
-            changes.setdefault("origin", f"{self.origin}; {note}" if self.origin else note)
+            changes.setdefault("origin", "; ".join(part for part in (self.origin, note) if part))
         if "drive" in changes:
-            changes = {"recorded": None, **changes}
+            is_same_bench = system.elements == self.system.elements
+            kept = tuple(parked for parked in self.parked if is_same_bench and parked.drive is None)
+            changes = {"recorded": None, "parked": kept, **changes}
         document = replace(self, **changes)
         _ = document.lit_system
         return document
@@ -146,14 +172,72 @@ def is_same_document(one: Document, other: Document) -> bool:
     )
 
 
-def as_readonly_drive(drive: NDArray[np.inexact]) -> Drive:
-    """A read-only copy of a drive in single precision; the array itself if it is both already."""
+def as_readonly_drive(drive: Drive) -> Drive:
+    """A read-only copy of a drive in single precision; the drive itself if it is both already."""
+    if isinstance(drive, MappingProxyType):
+        return drive
+    if isinstance(drive, Mapping):
+        return MappingProxyType({name: as_readonly_drive(patterns) for name, patterns in drive.items()})
     dtype = np.complex64 if np.iscomplexobj(drive) else np.float32
     if drive.dtype == dtype and not drive.flags.writeable:
         return drive
     copy: Drive = np.array(drive, dtype=dtype)
     copy.setflags(write=False)
     return copy
+
+
+def drive_arrays(drive: Drive) -> tuple[NDArray[Any], ...]:
+    """The arrays of a drive: itself, or those of a chain's elements."""
+    return tuple(drive.values()) if isinstance(drive, Mapping) else (drive,)
+
+
+def _chain_drive(system: System, drive: Drive) -> Drive:
+    """The patterns of a chain by name. Raises UserError for such that don't fit."""
+    return drive if _fits(system, drive) else as_readonly_drive(chain_drives(system, drive))
+
+
+def _fits(system: System, drive: Drive) -> bool:
+    """Whether a document's drive, whose values were checked, has the shapes that a system needs."""
+    if not system.is_chain:
+        return not isinstance(drive, Mapping) and bool(drive.shape == system.drive_shape)
+    if not isinstance(drive, MappingProxyType):
+        return False
+    is_right = complex_names(system) == {name for name, patterns in drive.items() if np.iscomplexobj(patterns)}
+    return is_right and {name: patterns.shape for name, patterns in drive.items()} == system.drive_shapes
+
+
+def fit_patterns(before: System, drive: Drive, system: System) -> tuple[Drive, str]:
+    """Adapts the patterns of one system to another; returns them and a description of the change.
+
+    Between benches of the short form as `fit_drive`. To and from other chains, elements keep the patterns of their
+    name; a new element passes all light, and one of another pixel count gets random patterns.
+    """
+    if not (before.is_chain or system.is_chain):
+        return fit_drive(drive, system.drive_shape)
+    if before.is_field or system.is_field:
+        raise UserError("field", "as an element of a chain", expected="modulators", remedy="open a preset to begin")
+    known = dict(drive) if before.is_chain else dict(zip(before.drive_shapes, np.swapaxes(drive, 0, 1), strict=True))
+    of_complex, fitted, notes = complex_names(system), dict[str, NDArray[Any]](), list[str]()
+    for name, shape in system.drive_shapes.items():
+        old = known.get(name)
+        if old is None or np.iscomplexobj(old) != (name in of_complex):
+            fitted[name] = neutral_patterns(system, name)
+            notes.append(f"{name} passes all light")
+        elif old.shape[1:] != shape[1:]:
+            turns = np.random.default_rng(0).random(shape, dtype=np.float32)
+            fitted[name] = np.exp(2j * np.pi * turns).astype(np.complex64) if name in of_complex else turns
+            notes.append(f"random patterns of {name}")
+        else:
+            fitted[name] = old if len(old) == shape[0] else old[np.arange(shape[0]) % len(old)]
+    together: Drive = fitted if system.is_chain else np.stack(list(fitted.values()), axis=1)
+    return as_readonly_drive(together), ", ".join(notes)
+
+
+def neutral_patterns(system: System, name: str) -> NDArray[Any]:
+    """Patterns (frame, y, x) of an element that leave all light as it is: no path, or a transmission of 1."""
+    element = system.elements[system.part(name)]
+    dtype = np.complex64 if isinstance(element, ComplexModulator) else np.float32
+    return np.full(system.drive_shapes[name], 0.0 if isinstance(element, PhaseModulator) else 1.0, dtype)
 
 
 def fit_drive(drive: Drive, shape: tuple[int, int, int, int]) -> tuple[Drive, str]:
@@ -309,8 +393,8 @@ class History:
                 self.position -= 1
 
     def _bytes(self) -> int:
-        drives = {id(step.document.drive): step.document.drive.nbytes for step in self.steps}
-        return sum(drives.values())
+        arrays = (array for step in self.steps for array in drive_arrays(step.document.drive))
+        return sum({id(array): array.nbytes for array in arrays}.values())
 
 
 # --- looks: they are no edits, and have a history of their own ---

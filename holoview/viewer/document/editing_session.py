@@ -52,7 +52,7 @@ _KEPT_BY_UNDO = ("zoom", "centre")
 class EditingSession:
     """A document with undo, snapshots to compare with, background jobs, and messages to the user.
 
-    drive: patterns (frame, modulator, y, x) in 0…1; random patterns of `seed` when None. wake: may be called on any
+    drive: patterns (frame, modulator, y, x) in 0…1, of a chain by the names of its elements; random patterns of `seed` when None. wake: may be called on any
     thread. `version` rises with each change. save_problem: why the session isn't saved at present, or "".
     fits_exposure: whether who computes the next picture is to fit the exposure to it, as of a field that was opened.
     sweeper: what measures the points of a sweep; None where the program that opened the viewer gave none.
@@ -63,7 +63,7 @@ class EditingSession:
     def __init__(
         self,
         system: System,
-        drive: NDArray[np.floating] | None = None,
+        drive: Drive | None = None,
         *,
         seed: int = 0,
         target_spec: TargetSpec | None = None,
@@ -71,11 +71,11 @@ class EditingSession:
         origin: str = "",
         wake: Callable[[], None] = lambda: None,
     ) -> None:
-        system.require_short_form("the window")
         patterns = random_drive(system, seed) if drive is None else drive
         origin = origin or ("random patterns" if drive is None else "patterns given")
         view_settings = view_settings or ViewSettings(plane_m=middle_plane(system))
-        document = Document(system, np.asarray(patterns, dtype=np.float32), view_settings, target_spec, origin)
+        patterns = patterns if system.is_chain else np.asarray(patterns, dtype=np.float32)
+        document = Document(system, patterns, view_settings, target_spec, origin)
         self._set_up(History(HistoryStep("Start", document, time.time())), {}, wake)
 
     @classmethod
@@ -359,7 +359,7 @@ class EditingSession:
         is_kept = any(of.drive is present.drive and of.system == present.system for of in self._snapshots.values())
         if not is_kept:
             self.pin_beside(present.title, present)
-        work = ("system", "drive", "target_spec", "origin", "path", "recorded")
+        work = ("system", "drive", "target_spec", "origin", "path", "recorded", "parked")
         self.edit(f"Edit {name}", **{key: getattr(chosen, key) for key in work})
         self.edit_view("Shown", shown=NOW)
 
@@ -405,6 +405,7 @@ class EditingSession:
 
     def _preset_scene(self, name: str, displayed: System) -> Scene:
         """A preset's scene in the displayed sampling; cached, as other random patterns would restart rendering."""
+        displayed.require_short_form("a comparison with a preset")
         sampling = {"shape": displayed.modulators[0].shape, "upsample": displayed.sampling.upsample}
         key = (name, *sampling.values())
         if key not in self._presets:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from holoview.light.colour import SRGB_TO_XYZ, srgb_decode
 from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.gpu.device import Device
+from holoview.light.model.elements import PhaseModulator
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.util.processes import LatestTask
@@ -129,8 +130,11 @@ def _recording_xyz(wavelength: int, pictures: NDArray[np.float32]) -> Xyz:
 def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:
     """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn.
 
-    Of a field the phase of its values there; modulator is 0.
+    Of a field the phase of its values there; modulator is 0. Of a chain of elements that of the one among those that
+    show patterns; of an amplitude modulator its amplitude in place of the phase.
     """
+    if system.is_chain:
+        return _turns_of_element(system, drive, frame, modulator)
     if system.is_field:
         middle = int(np.argsort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
         turns_of_field: NDArray[np.float32] = (np.angle(drive[frame, middle]) / (2 * np.pi) % 1.0).astype(np.float32)
@@ -142,6 +146,18 @@ def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDA
     wavelength_m = float(np.sort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
     path_m = optical_path(torch.from_numpy(drive[frame, modulator].copy()), system.modulators[modulator])
     turns: NDArray[np.float32] = torch.remainder(path_m / wavelength_m, 1.0).numpy()
+    return turns
+
+
+def _turns_of_element(system: System, drive: Drive, frame: int, number: int) -> NDArray[np.float32]:
+    name = list(system.drive_shapes)[number]
+    element, patterns = system.elements[system.part(name)], drive[name][min(frame, len(drive[name]) - 1)]
+    if isinstance(element, PhaseModulator):
+        wavelength_m = float(np.sort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
+        shown = patterns * (element.stroke_m / wavelength_m) % 1.0
+    else:
+        shown = np.angle(patterns) / (2 * np.pi) % 1.0 if np.iscomplexobj(patterns) else patterns
+    turns: NDArray[np.float32] = shown.astype(np.float32)
     return turns
 
 
@@ -159,6 +175,7 @@ def eyebox_xyz(system: System, drive: Drive, by_place: bool = False) -> NDArray[
     from holoview.light.optics.frame_inputs import FrameInputs
     from holoview.light.optics.slm import first_order
 
+    system.require_short_form("the page of the eyebox")
     plan = make_plan(system.edit({"propagation": "periodic", "eye": None}))
     executor, order = TorchExecutor(plan, FrameInputs(plan, drive)), first_order(plan.grid)
     rows, columns = order.bins

@@ -25,13 +25,14 @@ from concurrent.futures import Executor, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.colour import SRGB_TO_XYZ, observer_weights
 from holoview.light.engine.incremental import IncrementalRenderer, UpdateProgress
+from holoview.light.engine.staged import StagedRenderer
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -52,17 +53,27 @@ _FORESEEN_LASERS = 3  # whose parts of a full frame tell how bright it will be
 _FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
 
 
-def edit_to_scene(renderer: IncrementalRenderer | None, scene: Scene, device: Device) -> IncrementalRenderer:
-    """The renderer, edited so that it will render a scene; a new one for None. Raises UserError if it is impossible."""
-    if renderer is None:
-        return IncrementalRenderer(scene.system, scene.drive, device, plane_m=scene.plane_m)
+Renderer = IncrementalRenderer | StagedRenderer
+"""A renderer of a bench of the short form, or of another chain of elements."""
+
+
+def edit_to_scene(renderer: Renderer | None, scene: Scene, device: Device) -> Renderer:
+    """The renderer, edited so that it will render a scene, or a new one. Raises UserError if it is impossible."""
+    kind = StagedRenderer if scene.system.is_chain else IncrementalRenderer
+    if not isinstance(renderer, kind):
+        new = kind(scene.system, scene.drive, device, plane_m=scene.plane_m)
+        if renderer is not None:
+            renderer.close()
+        return new
     drive = None if scene.drive is renderer.drive else scene.drive
     renderer.edit(system=scene.system, drive=drive, plane_m=scene.plane_m)
     return renderer
 
 
-def slices(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> Iterator[UpdateProgress]:
+def slices(renderer: Renderer, *, may_reorder: bool = False) -> Iterator[UpdateProgress]:
     """Renders what is stale, slice by slice. may_reorder: see `IncrementalRenderer.steps`."""
+    if isinstance(renderer, StagedRenderer):
+        return renderer.steps()
     return renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S, may_reorder=may_reorder)
 
 
@@ -76,8 +87,8 @@ class ProgressiveRenderer:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._full: IncrementalRenderer | None = None
-        self._quick: IncrementalRenderer | None = None
+        self._full: Renderer | None = None
+        self._quick: Renderer | None = None
         self._requested: Scene | None = None
         self._stage, self._follows_quick_frame = "done", False
         self._steps: Iterator[UpdateProgress] | None = None
@@ -121,7 +132,7 @@ class ProgressiveRenderer:
         return self._stage == "quick" and self._steps is not None
 
     @property
-    def full_renderer(self) -> IncrementalRenderer | None:
+    def full_renderer(self) -> Renderer | None:
         """The renderer of full frames; None before the first one."""
         return self._full
 
@@ -247,14 +258,14 @@ class ProgressiveRenderer:
 
     def intensities(self) -> NDArray[np.float32] | None:
         """Intensities (laser, y, x) of the full image on the host; None until it is computed."""
-        return self._of_lasers("intensities", IncrementalRenderer.intensity)
+        return self._of_lasers("intensities", lambda renderer, laser: renderer.intensity(laser))
 
     def luminances(self) -> NDArray[np.float32] | None:
         """Luminances (laser, y, x) of the full image on the host; None until it is computed."""
-        return self._of_lasers("luminances", IncrementalRenderer.luminance)
+        return self._of_lasers("luminances", lambda renderer, laser: renderer.luminance(laser))
 
     def _of_lasers(
-        self, name: str, read: Callable[[IncrementalRenderer, int], NDArray[np.float32]]
+        self, name: str, read: Callable[[Renderer, int], NDArray[np.float32]]
     ) -> NDArray[np.float32] | None:
         if not self.is_fresh or self._full is None:
             return None
@@ -273,7 +284,7 @@ class ProgressiveRenderer:
         if self._full is None or self._full.step_s is None:
             return self._device.info.is_cpu and make_quick_system(scene.system) != scene.system
         try:
-            edit_to_scene(self._full, scene, self._device)
+            self._full = edit_to_scene(self._full, scene, self._device)
         except UserError:
             return False
         return (self._full.expected_s() or 0.0) > QUICK_FRAME_ABOVE_S
@@ -304,7 +315,7 @@ class ProgressiveRenderer:
         self._downloads.clear()
         if is_quick and self.full_scene is not None and _differ_in_powers_alone(self.full_scene, self._requested):
             self._follow_powers(renderer, self._requested)
-        elif is_quick and self._is_gain_old:
+        elif is_quick and self._is_gain_old and not self._requested.system.is_chain:
             self._foresee_brightness(renderer, self._requested)
         gain = self.quick_gain if is_quick else (1.0, 1.0, 1.0)
         self.picture = DeviceImage(renderer.xyz_buffer, renderer.compositor.shape, is_quick, self._version, gain)
@@ -316,7 +327,7 @@ class ProgressiveRenderer:
         self._follows_quick_frame, self.full_scene, self._unit_means = False, self._requested, None
         self._compare_brightness()
 
-    def _foresee_brightness(self, quick: IncrementalRenderer, scene: Scene) -> None:
+    def _foresee_brightness(self, quick: Renderer, scene: Scene) -> None:
         """Measures the gain of a quick frame before its full one is there, by three lasers at most.
 
         Their parts of the full frame are computed for that; the full frame goes on from there. The share of the light
@@ -342,7 +353,7 @@ class ProgressiveRenderer:
         x, y, z = gains.tolist()
         self._gain_key, self.quick_gain = _gain_key(scene), (x, y, z)
 
-    def _follow_powers(self, quick: IncrementalRenderer, scene: Scene) -> None:
+    def _follow_powers(self, quick: Renderer, scene: Scene) -> None:
         """Finds the gain of a quick frame whose lasers' powers alone are others than in the last full frame.
 
         The mean light of each laser at unit power is known from there; that of lasers that were off is interpolated.
@@ -391,10 +402,12 @@ def _differ_in_powers_alone(one: Scene, other: Scene) -> bool:
 def make_quick_system(system: System, most_lasers: int | None = None) -> System:
     """The simplified system; if more than `most_lasers` (frame, laser) pairs are lit, it lights only three.
 
-    A field keeps its padding: its planes are often so far away that light would re-enter many times.
+    A field keeps its padding: its planes are often so far away that light would re-enter many times. A chain keeps its
+    samples, which its pitches need, and with a Fourier plane its padding.
     """
     amplitudes = system.amplitudes if most_lasers is None else reduced_amplitudes(system, most_lasers)
-    sampling = {} if system.is_field else {"upsample": 1, "propagation": "periodic"}
+    sampling: dict[str, Any] = {} if system.is_field or system.way.kernels else {"propagation": "periodic"}
+    sampling |= {} if system.is_field or system.is_chain else {"upsample": 1}
     return system.edit({**sampling, "amplitudes": amplitudes})
 
 

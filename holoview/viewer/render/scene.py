@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from holoview.light.gpu.device import Buffer, Device
 from holoview.light.model.system import System
 
-Drive = NDArray[Any]
-"""Patterns (frame, modulator, y, x) in 0…1, float32; of a field its values (frame, wavelength, y, x), complex64."""
+Drive = Any
+"""Patterns (frame, modulator, y, x) in 0…1, float32; of a field its values (frame, wavelength, y, x), complex64; of a
+chain a mapping of patterns (frame, y, x) by the names of its elements. Read-only, and compared by identity."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A system, the drive of its modulators (frame, modulator, y, x), and the focal plane in metres."""
+    """A system, its drive, and the focal plane in metres."""
 
     system: System
     drive: Drive
@@ -57,6 +58,4 @@ def uploaded_image(device: Device, xyz: NDArray[np.float32], label: str) -> Devi
 
 def image_shape(system: System) -> tuple[int, int]:
     """Rows and columns of the simulated image."""
-    upsample = system.sampling.upsample
-    rows, columns = system.modulators[0].shape
-    return rows * upsample, columns * upsample
+    return system.way.shape

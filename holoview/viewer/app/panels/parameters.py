@@ -60,18 +60,21 @@ class BenchPanel(Panel):
 
     def draw(self, context: AppContext) -> None:
         system = context.session.system
-        if self._name != system.name or self._reset is None:
+        if self._name != system.name or self._reset is None or self._reset.is_chain != system.is_chain:
             self._reset, self._name = system, system.name
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
         imgui.text_wrapped(printable_lines(system.description or system.name or "a bench of your own"))
         draw_fields(context, system, self._reset, "", without=_ELSEWHERE)
         _draw_frames(context, system, self._reset)
-        self._draw_modulators(context, system)
+        if system.is_chain:
+            imgui.text_wrapped("Its elements are edited in the panel Drawing.")
+        else:
+            self._draw_modulators(context, system)
         self._draw_source(context, system)
         for key, field in describe.fields_by_key(type(system)).items():
             if key in _ELSEWHERE or not isinstance(field.metadata["kind"], describe.Nested):
                 continue
-            if key == "relay1" and system.gap_m is None:
+            if (key == "relay1" and system.gap_m is None) or (key in ("relay1", "relay2") and system.is_chain):
                 continue
             if _header(context, _TITLES.get(key, key.capitalize())):
                 tooltip(field.metadata["doc"])

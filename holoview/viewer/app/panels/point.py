@@ -82,6 +82,7 @@ class PointPanel(Panel):
 
     title = "Point"
     dock = "Low right"
+    needs_short_form = "the origin of the light"
     starts_open = False
 
     def __init__(self) -> None:
