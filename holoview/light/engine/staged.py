@@ -108,7 +108,7 @@ class StagedRenderer:
         return self.compositor.download_xyz(self.xyz_buffer)
 
     def intensity(self, laser: int) -> NDArray[np.float32]:
-        """Intensity (y, x) of a laser of the system, computed anew: mean over frames and sources, with its amplitude."""
+        """Intensity (y, x) of a laser of the system, computed anew: mean over frames and sources, with its power."""
         return np.sum([self._line_intensity(line) for line in self._plan.lasers[laser].indices], axis=0)
 
     def luminance(self, laser: int) -> NDArray[np.float32]:

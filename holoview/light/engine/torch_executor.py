@@ -340,6 +340,26 @@ def stage_field(
     return StageField(stage, values, (step_y, step_x), is_by_direction, λ, origin, share, note)
 
 
+def stage_xyz(system: System, drive: Any, stage: str, plane_m: float) -> NDArray[np.float64]:
+    """XYZ (y, x, 3) of the intensity at a stage: the mean over frames and sources, of all lasers with their powers.
+
+    stage, plane_m: as of `stage_field`. An eye doesn't count. Raises UserError as `stage_field` does.
+    """
+    stages = system.stages
+    if stage not in stages:
+        raise UserError("stage", f'"{stage}"', expected=", ".join(stages), remedy=suggest_matches(stage, stages))
+    plan = make_plan(system.with_(eye=None), [*system.planes_m, plane_m])
+    executor = TorchExecutor(plan, FrameInputs(plan, drive))
+    total = np.zeros((1, 1, 3))
+    for wavelength, response in enumerate(plan.colour_weights):
+        for frame in plan.lit(wavelength):
+            for source in range(len(plan.slopes)):
+                beam = Beam(wavelength, frame, source, float(plan.weights[frame, wavelength]))
+                power = beam.weight * np.abs(beam_at_stage(executor, beam, stage)) ** 2
+                total = total + power[..., None] * response
+    return total
+
+
 def beam_at_stage(executor: TorchExecutor, beam: Beam, stage: str) -> NDArray[np.complex128]:
     """The field (y, x) of a beam at a stage, behind relay 2 on the way to the last plane."""
     wavelength = beam.wavelength

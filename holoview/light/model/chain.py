@@ -112,7 +112,7 @@ def short_form(elements: Sequence[Element], planes_from: str) -> ShortForm | Non
 def focal_lengths_m(
     shape: tuple[int, int], sample_m: float, pitch_m: float, wavelengths_m: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """The shortest focal length that samples hold at all wavelengths, W·dx/λ, and the longest of a Fourier plane, W·p/λ.
+    """The shortest focal length that samples hold at all wavelengths, W·dx/λ; the longest of a Fourier plane, W·p/λ.
 
     shape, sample_m: of the field, its samples (y, x) and their pitch. pitch_m: of the pixels, whose first order the
     Fourier plane holds.

@@ -36,7 +36,7 @@ from holoview.light.model.chain import (
 )
 from holoview.light.model.effects.on_element import AT, split_id
 from holoview.light.model.effects.registry import EffectPairs, EffectTable, require_possible_effects
-from holoview.light.model.elements import Element, ElementsField, Pixels, element_names
+from holoview.light.model.elements import Element, ElementsField, Pixels, Space, element_names
 from holoview.light.model.eye import Eye
 from holoview.light.model.fields import (
     Array,
@@ -410,6 +410,28 @@ class System(Description):
         else:
             before = ("light", "slm1") if self.gap_m is None else ("light", "slm1", "gap", "slm2")
         return (*before, "stop", "plane", *(() if self.eye is None else ("pupil", "retina")))
+
+    def stage_behind(self, name: str) -> str:
+        """The stage at which the light right behind an element is looked at; behind a space that before the next one.
+
+        name: as `part` takes it. Raises UserError where there is none, and behind the last space, where planes are.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").stage_behind("modulator 2"), hv.load("high-contrast").stage_behind("space")
+        ('slm2', 'before coarse')
+        """
+        index, names = self.part(name), self.element_names
+        if not self.is_chain:
+            places = ("field",) if self.is_field else ("slm1", "gap", "slm2") if self.gap_m is not None else ("slm1",)
+            if index < len(places):
+                return places[index]
+        elif not isinstance(self.elements[index], Space):
+            return names[index]
+        else:
+            for element, following in zip(self.elements[index + 1 :], names[index + 1 :], strict=True):
+                if not isinstance(element, Space):
+                    return f"before {following}"
+        raise UserError("element", f'"{name}", the last space', expected="an element: behind it lie the planes")
 
     @property
     def plane_type(self) -> Array:

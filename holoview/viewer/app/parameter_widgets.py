@@ -9,9 +9,25 @@ from typing import Any
 
 from imgui_bundle import imgui
 
+from holoview.light.model.bench_parts import Relay
 from holoview.light.model.effects.effect import ListParameter, Parameter
-from holoview.light.model.fields import Array, Choice, Coefficients, Integer, Nested, Number, Truth, fields_by_key
+from holoview.light.model.elements import Element, Pixels, Space
+from holoview.light.model.fields import (
+    Array,
+    Choice,
+    Coefficients,
+    Integer,
+    LevelFractions,
+    Maybe,
+    Nested,
+    Number,
+    Several,
+    Shape,
+    Truth,
+    fields_by_key,
+)
 from holoview.light.model.stops import APERTURE, CentreField, SquareField, SquareStop
+from holoview.light.model.system import System
 from holoview.util import units
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.widgets import combo, fine_slider, fine_slider_int, is_item_held, tooltip
@@ -138,6 +154,7 @@ def _tooltip_and_reset(doc: str) -> bool:
 # Draws a field of a description (a bench, a relay, an eye) as the widget that fits its type, and makes its edit.
 
 
+_LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
 _FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}
 _LABELS = {
     "square": "square stop",
@@ -167,13 +184,35 @@ def draw_fields(context: AppContext, item: Any, reset: Any, path: str, without: 
         imgui.pop_id()
 
 
+def draw_element(context: AppContext, system: System, element: Element, reset: Element, name: str) -> None:
+    """Draws the keys of an element of a system; of a short form's modulator pitch and shape are those of both.
+
+    reset: an element of its kind whose values a right click restores. name: of the element.
+    """
+    is_space = isinstance(element, Space)
+    hidden = ("name", *(fields_by_key(Relay) if is_space else ()))
+    if not system.is_chain and isinstance(element, Pixels):
+        hidden = (*hidden, "offset", "shared")
+    for key, field in fields_by_key(type(element)).items():
+        if key in hidden:
+            continue
+        kind, doc = field.metadata["kind"], field.metadata["doc"]
+        is_of_both = not system.is_chain and key in ("pitch", "shape")
+        path = key if is_of_both else f"elements.{name}.{key}"
+        imgui.push_id(path)
+        draw_field(context, path, kind, getattr(element, field.name), getattr(reset, field.name), doc)
+        imgui.pop_id()
+    if isinstance(element, Space) and isinstance(reset, Space):
+        draw_fields(context, element.relay, reset.relay, f"elements.{name}.")
+
+
 def draw_field(context: AppContext, path: str, kind: Any, value: Any, reset: Any, doc: str) -> None:
     """Draws the widget of a field; an edit changes the session's system.
 
     path: key of the field in the system, such as "relay1.iris_na". kind: its type. reset: the value that a right click
     restores. Types without a widget, and lengths that are None, draw nothing.
     """
-    key, pitch_m = path.rpartition(".")[2], context.session.system.modulators[0].pitch_m
+    key, pitch_m = path.rpartition(".")[2], context.session.system.way.finest_m
     name = _LABELS.get(key, key.replace("_", " ").replace(" na", " NA"))
     edited: WidgetEdit | None = None
     if isinstance(kind, Number) and kind.optional and key in _FIRST_VALUE:
@@ -186,6 +225,12 @@ def draw_field(context: AppContext, path: str, kind: Any, value: Any, reset: Any
         edited = count_field(name, kind, value, reset, doc)
     elif isinstance(kind, Truth):
         edited = _truth(name, value, doc)
+    elif isinstance(kind, LevelFractions):
+        edited = levels_field(name, value, doc)
+    elif isinstance(kind, Shape | Maybe) and value is not None:
+        edited = _shape(name, value, doc)
+    elif isinstance(kind, Several):
+        edited = _places(name, kind, value, doc)
     elif isinstance(kind, Choice) and kind.options:
         edited = choice_field(name, kind, value, doc)
     elif isinstance(kind, Coefficients):
@@ -199,6 +244,30 @@ def draw_field(context: AppContext, path: str, kind: Any, value: Any, reset: Any
     context.record_item_rect(path)
     if edited is not None:
         context.change(name[:1].upper() + name[1:], path, edited.value, is_held=edited.is_held)
+
+
+def levels_field(name: str, value: Any, doc: str) -> WidgetEdit | None:
+    """Draws a combo box of numbers of levels; see `number_field`."""
+    count = "continuous" if value is None else str(len(value))
+    options = list(_LEVELS) + ([] if count in _LEVELS else [count])
+    chosen = combo(name, count, options, doc)
+    return WidgetEdit(_LEVELS[chosen], False) if chosen != count and chosen in _LEVELS else None
+
+
+def _shape(name: str, value: tuple[int, int], doc: str) -> WidgetEdit | None:
+    changed, text = imgui.input_text(name, f"{value[0]}, {value[1]}", imgui.InputTextFlags_.enter_returns_true)
+    tooltip(f"{doc} Enter takes them over.")
+    parts = [part.strip() for part in text.split(",")]
+    if not changed:
+        return None
+    return WidgetEdit([int(part) if part.isdecimal() else part for part in parts], False)
+
+
+def _places(name: str, kind: Several, value: tuple[float, ...], doc: str) -> WidgetEdit | None:
+    shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
+    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, imgui.InputTextFlags_.enter_returns_true)
+    tooltip(f"{doc} Down, right; Enter takes them over.")
+    return WidgetEdit([f"{part.strip()} {kind.item.unit}" for part in text.split(",")], False) if changed else None
 
 
 def _truth(name: str, value: bool, doc: str) -> WidgetEdit | None:

@@ -79,6 +79,8 @@ def describe_field(field: SeenField, u: float, v: float) -> str:
     """The value of a field at a place, given as fractions (x, y) of its picture, in a line of text."""
     rows, columns = field.values.shape
     x, y = int(u * columns), int(v * rows)
+    if not np.iscomplexobj(field.values):
+        return f"x {x}  y {y}   Y {float(field.values[y, x]):.6g}"
     value = complex(field.values[y, x])
     polar = f"amplitude {abs(value):.6g}  phase {cmath.phase(value):+.5f} rad"
     return f"x {x}  y {y}   {polar}   {value.real:+.6g} {value.imag:+.6g}i"

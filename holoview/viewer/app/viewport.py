@@ -193,7 +193,7 @@ class Viewport:
         is_new = self._resize(area.size)
         b_or_a = a if b is None else b
         view = view if b is not None else replace(view, compare="off")
-        if view.page == "field":  # its picture has colours of its own
+        if view.page == "field" and view.quantity != "intensity":  # its picture has colours of its own
             view = replace(view, channel="colour", exposure_stops=0.0, gamma=1.0, low=0.0, high=1.0)
         inputs = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view, area, shows_b)
         if inputs == self._drawn and not is_new:

@@ -382,7 +382,9 @@ class _Reader:
         """A drive; that of a chain is a table of names and whether the numbers are complex."""
         if not isinstance(entry, Mapping):
             return self._field(entry) if is_field else self._array(entry)
-        read = {name: (self._field if is_complex else self._array)(array) for name, (array, is_complex) in entry.items()}
+        read = {
+            name: (self._field if is_complex else self._array)(array) for name, (array, is_complex) in entry.items()
+        }
         return MappingProxyType(read)
 
     def _array(self, name: str) -> NDArray[np.float32]:

@@ -176,9 +176,7 @@ def _without(document: Document, name: str) -> tuple[dict[str, Any], Parked]:
     return changes, Parked(name, run, names[first - 1] if first else "", shift_m)
 
 
-def _moved_planes(
-    document: Document, elements: Sequence[Element], shift_m: float, planes_from: str
-) -> dict[str, Any]:
+def _moved_planes(document: Document, elements: Sequence[Element], shift_m: float, planes_from: str) -> dict[str, Any]:
     """The changes of a document of other elements whose planes, and the displayed one, are farther by a length."""
     system, view = document.system, document.view_settings
     names = [element.name for element in elements]
@@ -221,7 +219,7 @@ def _drive_of(system: System, patterns: dict[str, Any]) -> Any:
 
 
 def _new_element(system: System, kind: str) -> Element:
-    """An element of a kind as it is added: of the pixels and the stroke of the first modulator, of a focal length that fits."""
+    """An element of a kind as it is added: with pixels and stroke of the first modulator, a focal length that fits."""
     pixels = next(element for element in system.elements if isinstance(element, Pixels) and element.is_driven)
     strokes = [element.stroke_m for element in system.elements if isinstance(element, PhaseModulator)]
     own: dict[str, Any] = {}

@@ -47,11 +47,12 @@ class Document:
 
     drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only; of a field its values
     (frame, wavelength, y, x), complex64; of a chain a mapping of patterns (frame, y, x) by the names of its elements.
-    parked: elements that were switched off, with their place and patterns. origin: where the patterns come from, in words. path: the hologram file that
-    they were read from or written to. recorded: the recording that the field is cut out of; any other drive takes it
-    away. View settings that refer to lasers, frames, modulators or samples that don't
-    exist, or to a plane before the modulator, are adjusted. Raises UserError when the drive doesn't have the shape that
-    the system needs.
+    origin: where the patterns come from, in words. path: the hologram file that they were read from or written to.
+    recorded: the recording that the field is cut out of; any other drive takes it away. parked: elements that are
+    switched off; other patterns take away those that a modulator is to show again, another bench all of them.
+
+    View settings that refer to lasers, frames, modulators or samples that don't exist, or to a plane before the
+    modulator, are adjusted. Raises UserError when the drive doesn't have the shape that the system needs.
     """
 
     system: System
@@ -66,9 +67,15 @@ class Document:
     def __post_init__(self) -> None:
         if self.system.is_chain:
             object.__setattr__(self, "drive", _chain_drive(self.system, self.drive))
-        elif isinstance(self.drive, Mapping) or self.drive.shape != self.system.drive_shape or np.iscomplexobj(self.drive) != self.system.is_field:
+        elif (
+            isinstance(self.drive, Mapping)
+            or self.drive.shape != self.system.drive_shape
+            or np.iscomplexobj(self.drive) != self.system.is_field
+        ):
             raise UserError(
-                "patterns", f"shape {np.shape(self.drive)}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"
+                "patterns",
+                f"shape {np.shape(self.drive)}",
+                expected=f"{self.system.drive_shape} (frame, modulator, y, x)",
             )
         else:
             object.__setattr__(self, "drive", as_readonly_drive(self.drive))

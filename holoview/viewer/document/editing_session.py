@@ -52,10 +52,11 @@ _KEPT_BY_UNDO = ("zoom", "centre")
 class EditingSession:
     """A document with undo, snapshots to compare with, background jobs, and messages to the user.
 
-    drive: patterns (frame, modulator, y, x) in 0…1, of a chain by the names of its elements; random patterns of `seed` when None. wake: may be called on any
-    thread. `version` rises with each change. save_problem: why the session isn't saved at present, or "".
-    fits_exposure: whether who computes the next picture is to fit the exposure to it, as of a field that was opened.
-    sweeper: what measures the points of a sweep; None where the program that opened the viewer gave none.
+    drive: patterns (frame, modulator, y, x) in 0…1, of a chain by the names of its elements; random patterns of `seed`
+    when None. wake: may be called on any thread. `version` rises with each change. save_problem: why the session isn't
+    saved at present, or "". fits_exposure: whether who computes the next picture is to fit the exposure to it, as of a
+    field that was opened. sweeper: what measures the points of a sweep; None where the program that opened the viewer
+    gave none.
 
     Raises UserError when the drive doesn't fit the system.
     """

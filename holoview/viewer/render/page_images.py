@@ -31,10 +31,13 @@ _DECADES = 6.0  # of power that the picture of a recording's spectrum spans
 
 @dataclass(frozen=True, eq=False)
 class SeenField:
-    """The picture of a field (y, x, 3) in XYZ, its values (y, x), and the meaning of its colours, in words."""
+    """The picture of a field (y, x, 3) in XYZ, its values (y, x), and the meaning of its colours, in words.
+
+    values: complex; of an intensity of all lasers their Y.
+    """
 
     xyz: Xyz
-    values: NDArray[np.complex128]
+    values: NDArray[np.inexact]
     scale: str
 
 
@@ -109,8 +112,11 @@ def _field_key(scene: Scene, view: ViewSettings) -> tuple[Any, ...]:
 def _seen_field(
     system: System, drive: Drive, stage: str, quantity: str, plane_m: float, laser: int, frame: int
 ) -> SeenField:
-    from holoview.light.engine.torch_executor import stage_field
+    from holoview.light.engine.torch_executor import stage_field, stage_xyz
 
+    if quantity == "intensity":
+        seen = stage_xyz(system, drive, stage, plane_m)
+        return SeenField(seen.astype(np.float32), seen[..., 1], f"intensity at {stage}: all lasers that are on")
     field = stage_field(system, drive, stage, plane_m, laser=laser, frame=frame)
     picture = field_picture(field.values, quantity)
     xyz = (srgb_decode(picture.srgb8 / 255) @ SRGB_TO_XYZ.T).astype(np.float32)

@@ -264,9 +264,7 @@ class ProgressiveRenderer:
         """Luminances (laser, y, x) of the full image on the host; None until it is computed."""
         return self._of_lasers("luminances", lambda renderer, laser: renderer.luminance(laser))
 
-    def _of_lasers(
-        self, name: str, read: Callable[[Renderer, int], NDArray[np.float32]]
-    ) -> NDArray[np.float32] | None:
+    def _of_lasers(self, name: str, read: Callable[[Renderer, int], NDArray[np.float32]]) -> NDArray[np.float32] | None:
         if not self.is_fresh or self._full is None:
             return None
         if name not in self._downloads:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from holoview.light.colour import LMS_TO_XYZ, XYZ_TO_SRGB, gamut_map, srgb_decode, srgb_encode
 from holoview.util.errors import UserError
-from holoview.viewer.render.view_settings import QUANTITIES, ViewSettings
+from holoview.viewer.render.view_settings import FIELD_QUANTITIES, ViewSettings
 
 _LMS = np.linalg.inv(LMS_TO_XYZ)
 _ROWS = {
@@ -149,14 +149,14 @@ class FieldPicture:
 def field_picture(values: NDArray[np.complexfloating], quantity: str) -> FieldPicture:
     """A picture of a field (y, x).
 
-    quantity: one of QUANTITIES. "amplitude": grey, linear in the sRGB code. "phase": the hue, a turn a cycle, red at 0.
-    "real", "imaginary": blue below 0, white at 0, red above. "phase-colour": the hue of the phase, as bright as the
-    amplitude. "spectrum": the power of the field's Fourier transform, 0 in the middle, in decades.
+    quantity: one of FIELD_QUANTITIES. "amplitude": grey, linear in the sRGB code. "phase": the hue, a turn a cycle, red
+    at 0. "real", "imaginary": blue below 0, white at 0, red above. "phase-colour": the hue of the phase, as bright as
+    the amplitude. "spectrum": the power of the field's Fourier transform, 0 in the middle, in decades.
 
     Raises UserError for another quantity.
     """
-    if quantity not in QUANTITIES:
-        raise UserError("quantity", f'"{quantity}"', expected=", ".join(QUANTITIES))
+    if quantity not in FIELD_QUANTITIES:
+        raise UserError("quantity", f'"{quantity}"', expected=", ".join(FIELD_QUANTITIES))
     if quantity == "phase":
         return FieldPicture(colour_map("hue")[_hue_level(values)], "hue: red 0, green 2π/3, blue 4π/3")
     if quantity == "spectrum":

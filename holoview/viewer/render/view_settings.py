@@ -24,8 +24,10 @@ COMPARISON_MODES = ("off", "hold", "wipe", "side-by-side", "difference")
 PAGES = ("image", "planes", "phase", "field", "spectrum", "target")
 DERIVED_PAGES = ("phase", "field", "spectrum")
 """Pages that show an image other than a focal plane of a side."""
-QUANTITIES = ("amplitude", "phase", "real", "imaginary", "phase-colour", "spectrum")
+FIELD_QUANTITIES = ("amplitude", "phase", "real", "imaginary", "phase-colour", "spectrum")
 """The quantities that a picture of a complex field shows."""
+QUANTITIES = (*FIELD_QUANTITIES, "intensity")
+"""What the page "field" shows: a quantity of one laser's field, or the intensity of all that are on, in colours."""
 SCORES = ("", *PERCEPTUAL_SCORES)
 """Scores that can stand beside the PSNR; "" for none."""
 SPECKLE_EXPOSURE_STOPS = -1.5
@@ -93,7 +95,7 @@ class ViewSettings:
     page: one of PAGES. frame, modulator: indices of the pattern on the page "phase". is_one_frame: whether the image is
     that of this frame alone, in place of the mean of all.
     stage, quantity: of the light on the page "field", of the frame and the solo laser, or else the first: one of
-    `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES.
+    `System.stages`, "plane" where the bench doesn't have it, and one of QUANTITIES; "intensity" is that of all lasers.
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a. shown: what is
     shown while nothing is compared, the edited hologram or a snapshot.
     region, region_name: where speckle is measured, the chosen one of the regions that were drawn; other_regions: the

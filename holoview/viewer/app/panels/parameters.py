@@ -21,8 +21,15 @@ from holoview.util import units
 from holoview.util.text import printable, printable_lines
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.parameter_widgets import WidgetEdit, count_field, draw_fields, number_field, parameter_field
-from holoview.viewer.app.widgets import button, combo, tooltip
+from holoview.viewer.app.parameter_widgets import (
+    WidgetEdit,
+    count_field,
+    draw_fields,
+    levels_field,
+    number_field,
+    parameter_field,
+)
+from holoview.viewer.app.widgets import button, tooltip
 
 _ELSEWHERE = (
     "elements",
@@ -35,7 +42,6 @@ _ELSEWHERE = (
     "source",
     "eye",
 )
-_LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
 _TITLES = {
     "relay1": "Relay 1 (between the modulators)",
     "relay2": "Relay 2 (to the focal plane)",
@@ -98,7 +104,7 @@ class BenchPanel(Panel):
                 imgui.text_disabled(f"{value[1]} × {value[0]} {'samples' if system.is_field else 'pixels'}")
                 tooltip(doc)
             else:
-                edited = _levels(key, value, doc)
+                edited = levels_field(key, value, doc)
             context.record_item_rect(f"modulators.{key}")
             if edited is not None:
                 context.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
@@ -185,13 +191,6 @@ def _draw_light(context: AppContext, system: System) -> None:
     if button(context, "Plane waves alone", name="plane waves alone"):
         without = {name: table for name, table in system.effect_values.items() if name != effect.id}
         context.change("Plane waves alone", "effects", without)
-
-
-def _levels(name: str, value: Any, doc: str) -> WidgetEdit | None:
-    count = "continuous" if value is None else str(len(value))
-    options = list(_LEVELS) + ([] if count in _LEVELS else [count])
-    chosen = combo(name, count, options, doc)
-    return WidgetEdit(_LEVELS[chosen], False) if chosen != count and chosen in _LEVELS else None
 
 
 # --- effects ----------------------------------------------------------------------------------------------------------

@@ -74,10 +74,10 @@ class ViewPanel(Panel):
         session = context.session
         add(
             "No comparison",
-            session.end_comparison,
+            partial(_leave, context),
             "Escape",
-            "All as before the comparison began.",
-            is_enabled=lambda: session.view_settings.compare != "off",
+            "All as before the comparison began; from the light behind an element back to the image.",
+            is_enabled=lambda: session.view_settings.compare != "off" or _shows_light_behind(session.view_settings),
         )
         add("Swap A and B", lambda: _swap(context), "X", "A becomes B and B becomes A.")
         add(
@@ -191,6 +191,19 @@ class ViewPanel(Panel):
                 context.edit_view("Compare", **{key: side})
             imgui.pop_id()
         imgui.end_combo()
+
+
+def _shows_light_behind(view: ViewSettings) -> bool:
+    """Whether the image shows the intensity at a stage, as right behind an element."""
+    return view.page == "field" and view.quantity == "intensity"
+
+
+def _leave(context: AppContext) -> None:
+    """Ends a comparison, else the view of the light behind an element."""
+    if context.session.view_settings.compare == "off":
+        context.edit_view("Image", page="image")
+    else:
+        context.session.end_comparison()
 
 
 def _draw_snapshot(context: AppContext, name: str) -> None:
