@@ -18,6 +18,7 @@ from holoview.light.engine.light_budget import light_budget
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.optimisation_job import start_quick_optimisation
 
 _PHASE = {"kind": "phase", "pitch": 8e-6, "shape": (12, 16), "stroke": 800e-9}
 _COMPLEX = {"kind": "complex", "pitch": 16e-6, "shape": (6, 8), "name": "wide"}
@@ -35,8 +36,7 @@ def _hologram() -> hv.Hologram:
 
 REFUSING: dict[str, Callable[[], Any]] = {
     "a page": lambda: hv.export_html("page.html", _hologram()),
-    "the window": lambda: EditingSession(_chain()),
-    "the window with patterns": lambda: EditingSession(_chain(), _hologram().drive),
+    "an optimisation in the window": lambda: start_quick_optimisation(EditingSession(_chain())),
     "a film": lambda: list(follow(_chain(), [_STACK], _SETTINGS)),
     "the optimiser's problem": lambda: Problem(_chain(), _STACK, _SETTINGS),
     "a named method": lambda: list(iterate_named("double-phase", _chain(), _STACK, _SETTINGS)),

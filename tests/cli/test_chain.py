@@ -108,7 +108,6 @@ REFUSING = {
     "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),
     "captures of a Fourier bench": ("captures", "make", "chain.toml", "--focal-length", "0.1m", "-o", "captures.h5"),
     "a named method": ("optimise", "chain.toml", "picture.png", "--method", "gerchberg-saxton"),
-    "the window": ("view", "chain.toml"),
     "a study": ("study", "hologram", "chain.safetensors", "-o", "study"),
     "a report": ("report", "chain.safetensors", "-o", "report"),
     "patterns from pictures": ("render", "chain.toml", "--slm1", "picture.png"),

@@ -38,7 +38,7 @@ def names() -> list[str]:
 
 @cache
 def short_form_names() -> tuple[str, ...]:
-    """Names of those whose bench has one or two equal phase modulators, which the window can show."""
+    """Names of those whose bench has one or two equal phase modulators, which the window compares others with."""
     return tuple(name for name in names() if not load(name).is_chain)
 
 

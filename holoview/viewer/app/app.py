@@ -477,7 +477,7 @@ def _draw_file_menu(context: AppContext, commands: Sequence[Command]) -> None:
 
 def _draw_open(context: AppContext) -> None:
     if imgui.begin_menu("Preset"):
-        for name in preset.short_form_names():
+        for name in preset.names():
             if imgui.menu_item(name, "", name == context.session.system.name)[0]:
                 context.attempt(context.loader.open, name)
         imgui.end_menu()

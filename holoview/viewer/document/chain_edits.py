@@ -64,21 +64,17 @@ def add_element(session: EditingSession, kind: str, behind: str) -> str:
     changes: dict[str, Any] = {"elements": elements}
     if elements[_last_solid(elements)] is new and not isinstance(new, Fourier):
         changes["planes_from"] = system.planes_from or names[_last_solid(system.elements)]
-    session.change(f"Add {new.name}", changes)
+    session.edit(f"Add {new.name}", **_rearranged(session.document, changes))
     return new.name
 
 
 def remove_element(session: EditingSession, name: str) -> None:
     """Takes an element away; of the last one the picture stays where it is. Raises UserError where it is needed."""
     document = session.document
-    if any(parked.name == name for parked in document.parked):
-        rest = tuple(parked for parked in document.parked if parked.name != name)
-        if name not in document.system.element_names:
-            session.edit(f"Remove {name}", parked=rest)
-            return
-    changes, _ = _without(document, name)
     rest = tuple(parked for parked in document.parked if parked.name != name)
-    session.edit(f"Remove {name}", **changes, parked=rest)
+    is_there = name in document.system.element_names
+    changes = _without(document, name)[0] if is_there else {}
+    session.edit(f"Remove {name}", **(changes | {"parked": rest}))
 
 
 def move_element(session: EditingSession, name: str, step: int) -> None:
@@ -96,7 +92,7 @@ def move_element(session: EditingSession, name: str, step: int) -> None:
         raise UserError(name, "the first" if step < 0 else "the last", expected="an element to exchange it with")
     other = solid[place]
     elements[at], elements[other] = elements[other], elements[at]
-    session.change(f"Move {name}", {"elements": elements})
+    session.edit(f"Move {name}", **_rearranged(session.document, {"elements": elements}))
 
 
 def switch_element(session: EditingSession, name: str) -> None:
@@ -109,10 +105,10 @@ def switch_element(session: EditingSession, name: str) -> None:
     found = next((parked for parked in document.parked if parked.name == name), None)
     rest = tuple(parked for parked in document.parked if parked is not found)
     if found is not None:
-        session.edit(f"Switch {name} on", **_with_parked(document, found), parked=rest)
+        session.edit(f"Switch {name} on", **(_with_parked(document, found) | {"parked": rest}))
         return
     changes, parked = _switched_off(document, name)
-    session.edit(f"Switch {name} off", **changes, parked=(*rest, parked))
+    session.edit(f"Switch {name} off", **(changes | {"parked": (*rest, parked)}))
 
 
 def is_on(document: Document, name: str) -> bool:
@@ -133,7 +129,7 @@ def _switched_off(document: Document, name: str) -> tuple[dict[str, Any], Parked
     if not isinstance(element, Pixels) or not element.is_driven:
         return _without(document, name)
     named = system.edit({"elements": _named(system)})
-    drives = _patterns(document)
+    drives = patterns_by_name(document)
     kept, drives[name] = drives[name], neutral_patterns(named, name)
     return {"system": named, "drive": _drive_of(named, drives)}, Parked(name, drive=kept)
 
@@ -142,7 +138,7 @@ def _with_parked(document: Document, parked: Parked) -> dict[str, Any]:
     """The changes of a document that switch an element on again."""
     system = document.system
     if parked.drive is not None:
-        drives = _patterns(document)
+        drives = patterns_by_name(document)
         drives[parked.name] = parked.drive
         return {"drive": _drive_of(system, drives)}
     (element, *others) = parked.elements
@@ -153,6 +149,9 @@ def _with_parked(document: Document, parked: Parked) -> dict[str, Any]:
         return {"system": system.edit({"elements": _put(system, stops)})}
     names, elements = system.element_names, _named(system)
     at = names.index(parked.behind) + 1 if parked.behind in names else 0
+    own = [element.name for element in parked.elements]
+    if elements[-1].name in own:  # a short form has a space to its planes, with a name that is free meanwhile
+        elements = (*elements[:-1], replace(elements[-1], name=_free_name("space", (*names, *own))))
     new = (*elements[:at], *parked.elements, *elements[at:])
     return _moved_planes(document, new, -parked.shift_m, system.planes_from)
 
@@ -181,8 +180,18 @@ def _moved_planes(document: Document, elements: Sequence[Element], shift_m: floa
     system, view = document.system, document.view_settings
     names = [element.name for element in elements]
     planes_from = planes_from if planes_from in names else ""
-    moved = system.edit({"elements": elements, "planes": system.planes_m + shift_m, "planes_from": planes_from})
-    return {"system": moved, "view_settings": view.with_(plane_m=view.plane_m + shift_m)}
+    moved = {"elements": elements, "planes": system.planes_m + shift_m, "planes_from": planes_from}
+    return _rearranged(document, moved) | {"view_settings": view.with_(plane_m=view.plane_m + shift_m)}
+
+
+def _rearranged(document: Document, changes: dict[str, Any]) -> dict[str, Any]:
+    """The changes of a document whose system is edited, and whose patterns stay those of their elements' names."""
+    system, patterns = document.system.edit(changes), patterns_by_name(document)
+    names = list(system.drive_shapes)
+    if names == list(patterns) or not all(name in patterns for name in names):
+        return {"system": system}  # the document fits new patterns to them
+    drive = _drive_of(system, {name: patterns[name] for name in names})
+    return {"system": system, "drive": drive, "parked": document.parked}
 
 
 def _named(system: System) -> tuple[Element, ...]:
@@ -205,7 +214,7 @@ def _free_name(kind: str, names: Sequence[str]) -> str:
     return next(name for n in range(1, len(names) + 3) if (name := kind if n == 1 else f"{kind}{n}") not in names)
 
 
-def _patterns(document: Document) -> dict[str, Any]:
+def patterns_by_name(document: Document) -> dict[str, Any]:
     """The patterns (frame, y, x) of a document by the names of its elements."""
     if document.system.is_chain:
         return dict(document.drive)

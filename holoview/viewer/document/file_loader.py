@@ -238,7 +238,7 @@ class FileLoader:
         session.mark_saved()
         self._set_beside(content)
         session.fits_exposure = content.kind == "field"
-        if is_preset and target_spec is not None:
+        if is_preset and target_spec is not None and not system.is_chain:
             session.messages.post(random_patterns_hint(target_spec))
 
     def _set_beside(self, content: FileContent) -> None:
@@ -285,7 +285,8 @@ class FileLoader:
     def _optimise_quickly(self) -> None:
         """Starts a quick optimisation for a new target, if that is wanted."""
         session = self._session
-        if self.optimises_new_targets and not session.system.is_field and running_optimisation(session) is None:
+        has_patterns = not (session.system.is_field or session.system.is_chain)
+        if self.optimises_new_targets and has_patterns and running_optimisation(session) is None:
             start_quick_optimisation(session)
 
     def _set_pupil_path(self, title: str, path: PupilPath) -> None:

@@ -128,7 +128,7 @@ def pupil_diameter_m(system: System) -> float:
 def eyebox_half_m(system: System, wavelength_m: float | None = None) -> float:
     """Half the side of the eyebox of the first order in the plane of the pupil, at a wavelength or the longest one."""
     λ = float(system.wavelengths_m.max()) if wavelength_m is None else wavelength_m
-    return eye_of(system).eyepiece_m * λ / (2 * system.modulators[0].pitch_m)
+    return eye_of(system).eyepiece_m * λ / (2 * system.way.finest_m)
 
 
 def seen_planes_m(system: System, plane_m: float, wavelengths_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -341,7 +341,8 @@ def start_optimisation(session: EditingSession, request: OptimisationRequest | N
 
 
 def _refuse_to_optimise(session: EditingSession) -> None:
-    """Raises UserError for a field, and while another optimisation runs."""
+    """Raises UserError for a field and a chain of elements, and while another optimisation runs."""
+    session.system.require_short_form("an optimisation in the window")
     if session.system.is_field:
         raise UserError("optimise", "a field has no patterns", remedy="open a preset first: its modulators have some")
     if running_optimisation(session) is not None:
@@ -386,6 +387,7 @@ def last_optimisation(session: EditingSession) -> OptimisationJob | None:
 
 def start_quick_optimisation(session: EditingSession, iterations: int = 10) -> OptimisationJob:
     """Starts an optimisation that takes seconds: few iterations, one plane, superpixels, and a smooth initial phase."""
+    _refuse_to_optimise(session)
     rows, columns = session.system.modulators[0].shape
     settings = Settings(iterations=iterations, amplitudes_every=max(iterations // 2, 1))
     superpixel = math.ceil(math.sqrt(rows * columns / _QUICK_PIXELS))

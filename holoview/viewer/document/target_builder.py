@@ -67,13 +67,13 @@ class TargetSpec:
         """What a system cuts off the picture, or leaves black beside it; "" where nothing, and for other targets."""
         if isinstance(self.source, Path):
             return ""
-        return self.placement.framing.describe(self.source.rgb.shape[:2], system.modulators[0].shape)
+        return self.placement.framing.describe(self.source.rgb.shape[:2], system.way.shape)
 
     def framed_part(self, system: System, framing: Framing) -> tuple[float, float, float, float]:
         """The part of the picture that a framing shows on a system: left, top, right, bottom, as fractions of it."""
         assert isinstance(self.source, Picture)
         rows, columns = self.source.rgb.shape[:2]
-        left, top, width, height = framing.window((rows, columns), system.modulators[0].shape)
+        left, top, width, height = framing.window((rows, columns), system.way.shape)
         return left / columns, top / rows, (left + width) / columns, (top + height) / rows
 
     @property
@@ -239,7 +239,7 @@ def _geometry_key(system: System) -> Hashable:
 
     With an eye, also its pupil, and the lasers, each of which it sees in another focus.
     """
-    modulator, median_m = system.modulators[0], float(np.median(system.wavelengths_m))
-    grid = (modulator.shape, modulator.pitch_m, system.sampling.upsample)
+    way, median_m = system.way, float(np.median(system.wavelengths_m))
+    grid = (way.shape, way.sample_m, way.finest_m)
     seen = None if system.eye is None else (system.eye, system.observer, system.wavelengths_m.tobytes())
-    return grid, median_m, system.relay2, system.planes_m.tobytes(), seen
+    return grid, median_m, way.relays[way.last], system.planes_m.tobytes(), seen

@@ -13,6 +13,7 @@ from functools import partial
 from imgui_bundle import imgui
 
 from holoview.light.model.bench_drawing import draw_bench
+from holoview.light.model.chain import place_of
 from holoview.light.model.elements import FieldPlane, Pixels, Space
 from holoview.light.model.system import System
 from holoview.util.drawing import Drawing, DrawnLine, colour_of, line_width
@@ -158,8 +159,7 @@ class DrawingPanel(Panel):
 
     def _draw_actions(self, context: AppContext) -> None:
         session, name = context.session, self.chosen
-        element = session.system.elements[session.system.part(name)]
-        imgui.separator_text(f"{name}  ·  {element.kind}")
+        imgui.separator_text(f"{name}  ·  {_kind(session.system, name)}")
         edit = context.attempt
         is_on = chain_edits.is_on(session.document, name)
         tip = "A modulator passes all light then, a space has no stops, others aren't there; on again as it was."
@@ -209,6 +209,13 @@ class DrawingPanel(Panel):
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
         draw_element(context, system, element, reset if type(reset) is type(element) else element, name)
         imgui.pop_item_width()
+
+
+def _kind(system: System, name: str) -> str:
+    """What an element is: its kind, and its place in a short form."""
+    index, count = system.part(name), len(system.elements)
+    kind = system.elements[index].kind
+    return kind if system.is_chain else f"{kind}, {place_of(index, count)}"
 
 
 def element_of(system: System, key: str) -> str:

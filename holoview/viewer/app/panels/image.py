@@ -138,6 +138,10 @@ class ImagePanel(Panel):
             badge = "quick image"
             left = self.picture.end.x - imgui.calc_text_size(badge).x - 8
             draw_label(draw_list, badge, imgui.ImVec2(left, corner.y + 6))
+        if view.page == "field" and view.quantity == "intensity":
+            where = view.stage if view.stage.startswith("before ") else f"behind {view.stage}"
+            badge = f"light right {where}; Escape: the image"
+            draw_label(draw_list, badge, imgui.ImVec2(corner.x + 8, corner.y + 6))
         names = [context.session.document.title, *context.session.snapshots]
         for text, share in side_labels(view, self.shows_b, context.session.target_spec is not None, names):
             draw_label(draw_list, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
