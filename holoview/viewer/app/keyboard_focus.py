@@ -85,6 +85,7 @@ class KeyboardFocus:
             self._wake()
             window = imgui.internal.find_window_by_name(self.panel)
             if not self._frames and window is not None:
+                imgui.internal.focus_window(window)  # itself, and none of its parts, which may have had the keys before
                 imgui.internal.nav_init_window(window, True)  # its first widget
                 imgui.set_nav_cursor_visible(True)
         return is_left

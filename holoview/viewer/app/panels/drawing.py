@@ -65,7 +65,7 @@ class DrawingPanel(Panel):
             self.chosen = system.element_names[0]
         self._draw_strip(context, self._drawing[1])
         self._draw_off(context)
-        if imgui.begin_child("element"):
+        if imgui.begin_child("element", imgui.ImVec2(0, 0), imgui.ChildFlags_.nav_flattened):
             self._draw_actions(context)
             self._draw_keys(context)
         imgui.end_child()
@@ -78,7 +78,7 @@ class DrawingPanel(Panel):
         scale = min(max(room / drawing.width, least), _LARGEST_SCALE * least)
         height = drawing.height * scale + imgui.get_style().scrollbar_size + 2 * imgui.get_style().window_padding.y
         flags = imgui.WindowFlags_.horizontal_scrollbar
-        if imgui.begin_child("drawing", imgui.ImVec2(0, height), imgui.ChildFlags_.none, flags):
+        if imgui.begin_child("drawing", imgui.ImVec2(0, height), imgui.ChildFlags_.nav_flattened, flags):
             corner = imgui.get_cursor_screen_pos()
             size = imgui.ImVec2(drawing.width * scale, drawing.height * scale)
             imgui.invisible_button("##bench", size, imgui.ButtonFlags_.enable_nav)
@@ -182,9 +182,10 @@ class DrawingPanel(Panel):
         kind = combo("##add", _ADD, (_ADD, *chain_edits.ADDED_KINDS), "In the middle of a space.", width)
         context.record_item_rect("add element")
         if kind != _ADD:
-            edit(self._add, context, kind)
+            edit(self.add, context, kind)
 
-    def _add(self, context: AppContext, kind: str) -> None:
+    def add(self, context: AppContext, kind: str) -> None:
+        """Adds an element of a kind behind the chosen one, and chooses it. Raises UserError where it can't be."""
         self.chosen = chain_edits.add_element(context.session, kind, self.chosen)
 
     def _show_light(self, context: AppContext, name: str) -> None:
