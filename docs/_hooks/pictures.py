@@ -16,7 +16,11 @@ from PIL import Image
 from docs._hooks.repository import ROOT
 
 DOCS = ROOT / "docs"
-SCRIPTS = {"viewer-tour.txt": (), "viewer-tour-rig.txt": ("--rig", str(DOCS / "viewer-tour-rig.toml"))}
+SCRIPTS = {
+    "viewer-tour.txt": (),
+    "viewer-tour-strip.txt": ("high-contrast",),
+    "viewer-tour-rig.txt": ("--rig", str(DOCS / "viewer-tour-rig.toml")),
+}
 """The scripts of the viewer, each with further options of `holoview view`."""
 _QUALITY = 88
 

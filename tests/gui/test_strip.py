@@ -1,4 +1,4 @@
-"""The strip of a bench's elements, of a chain and of the short form: chosen, edited, added, and the light behind them."""
+"""The strip of elements, of a chain and of the short form: chosen, edited, added, and the light behind them."""
 
 from __future__ import annotations
 
