@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 import holoview as hv
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.processes import are_same
 from holoview.viewer.document import chain_edits
 from holoview.viewer.document.archive import SessionArchive, SessionData, read_session
 from holoview.viewer.document.document import drive_arrays
@@ -221,3 +223,14 @@ def test_a_chain_with_complex_patterns_survives_a_saved_session(tmp_path: Path) 
     assert not unreadable
     assert np.array_equal(data.present.drive["arms"], session.drive["arms"])
     session.close()
+
+
+@BOTH
+def test_a_renderer_and_a_worker_take_the_patterns_of_an_edit(session: EditingSession) -> None:
+    """Inputs are compared by identity, and workers are other processes."""
+    before = session.drive
+    chain_edits.switch_element(session, session.system.element_names[2])
+    assert not are_same((session.drive,), (before,))
+    assert are_same((session.drive,), (session.drive,))
+    copy = pickle.loads(pickle.dumps(session.drive))
+    assert all(map(np.array_equal, drive_arrays(copy), drive_arrays(session.drive)))

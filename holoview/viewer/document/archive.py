@@ -17,7 +17,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,7 @@ from holoview.viewer.document.document import Document, HistoryStep, Looks, Look
 from holoview.viewer.document.editing_session import OptimisationChoices
 from holoview.viewer.document.optimisation_job import UnfinishedOptimisation, read_rest
 from holoview.viewer.document.target_builder import TargetSpec, example_target
-from holoview.viewer.render.scene import Drive
+from holoview.viewer.render.scene import Drive, ElementPatterns
 from holoview.viewer.render.view_settings import ViewSettings
 
 
@@ -385,7 +384,7 @@ class _Reader:
         read = {
             name: (self._field if is_complex else self._array)(array) for name, (array, is_complex) in entry.items()
         }
-        return MappingProxyType(read)
+        return ElementPatterns(read)
 
     def _array(self, name: str) -> NDArray[np.float32]:
         if name not in self._arrays:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from holoview.light.model.elements import ComplexModulator, Element, PhaseModula
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.viewer.document.target_builder import TargetSpec
-from holoview.viewer.render.scene import Drive, Scene, image_shape
+from holoview.viewer.render.scene import Drive, ElementPatterns, Scene, image_shape
 from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS, NamedRegion, Region, ViewSettings
 
 
@@ -181,10 +180,10 @@ def is_same_document(one: Document, other: Document) -> bool:
 
 def as_readonly_drive(drive: Drive) -> Drive:
     """A read-only copy of a drive in single precision; the drive itself if it is both already."""
-    if isinstance(drive, MappingProxyType):
+    if isinstance(drive, ElementPatterns):
         return drive
     if isinstance(drive, Mapping):
-        return MappingProxyType({name: as_readonly_drive(patterns) for name, patterns in drive.items()})
+        return ElementPatterns({name: as_readonly_drive(patterns) for name, patterns in drive.items()})
     dtype = np.complex64 if np.iscomplexobj(drive) else np.float32
     if drive.dtype == dtype and not drive.flags.writeable:
         return drive
@@ -207,7 +206,7 @@ def _fits(system: System, drive: Drive) -> bool:
     """Whether a document's drive, whose values were checked, has the shapes that a system needs."""
     if not system.is_chain:
         return not isinstance(drive, Mapping) and bool(drive.shape == system.drive_shape)
-    if not isinstance(drive, MappingProxyType):
+    if not isinstance(drive, ElementPatterns):
         return False
     is_right = complex_names(system) == {name for name, patterns in drive.items() if np.iscomplexobj(patterns)}
     return is_right and {name: patterns.shape for name, patterns in drive.items()} == system.drive_shapes

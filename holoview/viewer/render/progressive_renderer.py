@@ -279,12 +279,13 @@ class ProgressiveRenderer:
 
         Asking prepares the full frame, which during a drag would take longer than a quick frame.
         """
-        if self._full is None or self._full.step_s is None:
+        if self._full is not None and self._full.step_s is not None:
+            try:
+                self._full = edit_to_scene(self._full, scene, self._device)
+            except UserError:
+                return False
+        if self._full is None or self._full.step_s is None:  # also where the bench has become a chain
             return self._device.info.is_cpu and make_quick_system(scene.system) != scene.system
-        try:
-            self._full = edit_to_scene(self._full, scene, self._device)
-        except UserError:
-            return False
         return (self._full.expected_s() or 0.0) > QUICK_FRAME_ABOVE_S
 
     def _begin(self, scene: Scene) -> Iterator[UpdateProgress]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,29 @@ from holoview.light.model.system import System
 
 Drive = Any
 """Patterns (frame, modulator, y, x) in 0…1, float32; of a field its values (frame, wavelength, y, x), complex64; of a
-chain a mapping of patterns (frame, y, x) by the names of its elements. Read-only, and compared by identity."""
+chain `ElementPatterns`. Read-only, and compared by identity."""
+
+
+class ElementPatterns(Mapping[str, NDArray[Any]]):
+    """Patterns (frame, y, x) of a chain by the names of its elements; equal to itself alone, as edits share them."""
+
+    def __init__(self, patterns: Mapping[str, NDArray[Any]]) -> None:
+        self._patterns = dict(patterns)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._patterns[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._patterns)
+
+    def __len__(self) -> int:
+        return len(self._patterns)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    def __hash__(self) -> int:
+        return id(self)
 
 
 @dataclass(frozen=True, eq=False)
