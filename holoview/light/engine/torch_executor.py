@@ -351,12 +351,9 @@ def stage_xyz(system: System, drive: Any, stage: str, plane_m: float) -> NDArray
     plan = make_plan(system.with_(eye=None), [*system.planes_m, plane_m])
     executor = TorchExecutor(plan, FrameInputs(plan, drive))
     total = np.zeros((1, 1, 3))
-    for wavelength, response in enumerate(plan.colour_weights):
-        for frame in plan.lit(wavelength):
-            for source in range(len(plan.slopes)):
-                beam = Beam(wavelength, frame, source, float(plan.weights[frame, wavelength]))
-                power = beam.weight * np.abs(beam_at_stage(executor, beam, stage)) ** 2
-                total = total + power[..., None] * response
+    for beam in plan.beams(range(len(plan.lasers))):
+        power = beam.weight * np.abs(beam_at_stage(executor, beam, stage)) ** 2
+        total = total + power[..., None] * plan.colour_weights[beam.wavelength]
     return total
 
 
