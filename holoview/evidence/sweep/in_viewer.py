@@ -105,7 +105,7 @@ class _TargetOfViewer(SweptTarget):
                 str(spec.source), brightness=spec.brightness, saturation=spec.saturation, space=spec.space
             )
             return TargetSource(system, file, tell)
-        return TargetSource(system, TargetFile(spec.title), tell, scene=_Scene(spec))
+        return TargetSource(system, TargetFile(spec.title), tell, scene=_TargetScene(spec))
 
     def identity(self) -> list[Any]:
         """It doesn't change while a sweep runs, and results are kept no longer."""
@@ -113,7 +113,7 @@ class _TargetOfViewer(SweptTarget):
 
 
 @dataclass(frozen=True)
-class _Scene:
+class _TargetScene:
     """A target as a scene that computes its pictures for any bench."""
 
     spec: TargetSpec

@@ -221,7 +221,7 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, address: tuple[str, int], receive: Callable[[Wavefield], None]) -> None:
-        super().__init__(address, _Request)
+        super().__init__(address, _RequestHandler)
         self.receive, self.token = receive, secrets.token_urlsafe(18)
         self.places = BoundedSemaphore(_AT_ONCE)
 
@@ -229,7 +229,7 @@ class _Server(ThreadingHTTPServer):
         """A client that goes away in the middle of a request is no error of the viewer."""
 
 
-class _Request(BaseHTTPRequestHandler):
+class _RequestHandler(BaseHTTPRequestHandler):
     server: _Server
     timeout = _SILENT_S
     protocol_version = "HTTP/1.1"

@@ -699,7 +699,7 @@ _Window = tuple[_Span, _Span]  # x, y
 
 
 @dataclass(frozen=True)
-class _Part:
+class _ExrPart:
     """The header of a part."""
 
     name: str
@@ -751,7 +751,7 @@ def exr_pictures(path: Path) -> Iterator[Raster]:
             yield _exr_raster(dict(file.channels(location.part)), location, parts[location.part])
 
 
-def _require_memory(path: Path, parts: Sequence[_Part]) -> None:
+def _require_memory(path: Path, parts: Sequence[_ExrPart]) -> None:
     """Raises UserError unless all channels of all parts, which the library reads at once, fit beside a picture."""
     stored = sum(len(part.channels) * math.prod(b - a for a, b in part.data_window) for part in parts) * _FLOAT_BYTES
     for part in parts:
@@ -759,7 +759,7 @@ def _require_memory(path: Path, parts: Sequence[_Part]) -> None:
         require_picture_memory(path, right - left, bottom - top, 3, stored)
 
 
-def _exr_raster(channels: Mapping[str, Any], location: _ImageLocation, part: _Part) -> Raster:
+def _exr_raster(channels: Mapping[str, Any], location: _ImageLocation, part: _ExrPart) -> Raster:
     names, pixels = location.colour_channels, {name: channel.pixels for name, channel in channels.items()}
     values = np.stack([_in_display_window(pixels[name], part) for name in names], axis=-1)
     alpha = pixels.get(location.alpha)
@@ -777,7 +777,7 @@ def _exr_raster(channels: Mapping[str, Any], location: _ImageLocation, part: _Pa
     )
 
 
-def _in_display_window(pixels: NDArray[Any], part: _Part) -> NDArray[np.float64]:
+def _in_display_window(pixels: NDArray[Any], part: _ExrPart) -> NDArray[np.float64]:
     """The display window (y, x) of a channel that is stored in the data window; 0 outside the latter."""
     overlaps = [_overlap_slices(part.data_window[axis], part.display_window[axis]) for axis in (1, 0)]
     data_slices, display_slices = zip(*overlaps, strict=True)
@@ -793,14 +793,14 @@ def _overlap_slices(data: _Span, display: _Span) -> tuple[slice, slice]:
     return slice(first - data[0], last - data[0]), slice(first - display[0], last - display[0])
 
 
-def _headers(path: Path) -> list[_Part]:
+def _headers(path: Path) -> list[_ExrPart]:
     if not OpenEXR.isOpenExrFile(str(path)):
         raise ValueError("not a readable OpenEXR file")
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
         return [_part(path, dict(file.header(index))) for index in range(len(file.parts))]
 
 
-def _part(path: Path, header: Mapping[str, Any]) -> _Part:
+def _part(path: Path, header: Mapping[str, Any]) -> _ExrPart:
     channels = header["channels"]
     if any(c.xSampling != 1 or c.ySampling != 1 for c in channels):
         found = "has subsampled channels"
@@ -812,7 +812,7 @@ def _part(path: Path, header: Mapping[str, Any]) -> _Part:
     chromaticities = header.get("chromaticities")
     numbers = [] if chromaticities is None else [float(number) for number in chromaticities]
     primaries = tuple(zip(numbers[0::2], numbers[1::2], strict=True)) or None
-    return _Part(str(header.get("name", "")), tuple(c.name for c in channels), primaries, display, data)
+    return _ExrPart(str(header.get("name", "")), tuple(c.name for c in channels), primaries, display, data)
 
 
 def _window(corners: tuple[Sequence[int], Sequence[int]]) -> _Window:
@@ -821,7 +821,7 @@ def _window(corners: tuple[Sequence[int], Sequence[int]]) -> _Window:
     return (int(left), int(right) + 1), (int(top), int(bottom) + 1)
 
 
-def _locate_images(path: Path, parts: Sequence[_Part]) -> list[_ImageLocation]:
+def _locate_images(path: Path, parts: Sequence[_ExrPart]) -> list[_ImageLocation]:
     """The pictures in their order. Raises UserError when there are none."""
     if len(parts) == 1:
         return _locate_layers(path, parts[0])
@@ -839,7 +839,7 @@ def _locate_images(path: Path, parts: Sequence[_Part]) -> list[_ImageLocation]:
     ]
 
 
-def _locate_layers(path: Path, part: _Part) -> list[_ImageLocation]:
+def _locate_layers(path: Path, part: _ExrPart) -> list[_ImageLocation]:
     """The only picture of a single part, or a picture for each of its numbered layers."""
     colours, layers = _rgb_channels(part.channels) or _grey_channel(part.channels), _rgb_layers(part.channels)
     if colours:

@@ -467,7 +467,7 @@ class AutogradModel(ForwardModel):
         self._patterns = _Patterns(plan, self.complex_dtype)
         unshifted = replace(plan, grid=replace(plan.grid, offset=(0, 0)))  # where `beams` places the field
         is_double = self.complex_dtype == torch.complex128
-        self._stages = _Stages(unshifted, self._patterns, double=is_double, device=self.device)
+        self._stages = _StagesBehindModulators(unshifted, self._patterns, double=is_double, device=self.device)
         self._stages.transfer_functions = self.transfer_functions
 
     @property
@@ -506,7 +506,7 @@ class AutogradModel(ForwardModel):
         self._graph_spectra = []
 
 
-class _Stages(TorchPropagation):
+class _StagesBehindModulators(TorchPropagation):
     """The stages up to the spectrum behind the last modulator."""
 
     transfer_functions: TransferFunctions

@@ -45,7 +45,7 @@ class MaskState:
 
 
 @dataclass
-class _Scene:
+class _LearnedPicture:
     """A picture's target, its own patterns, and the amplitudes (frame, wavelength) that suit them."""
 
     objective: Objective
@@ -100,7 +100,7 @@ def learn_mask(
     own = [other for other in system.drive_shapes if other != name]
     mask = ChainPatterns(system, settings, None, [name])
     scenes = [
-        _Scene(
+        _LearnedPicture(
             make_objective(problem.plan, stack, settings, device=device, double=False),
             ChainPatterns(system, settings, None, own),
             np.array(system.amplitudes),
@@ -124,7 +124,7 @@ def learn_mask(
 
 
 def _learned_from(
-    scene: _Scene, problem: ChainProblem, mask: ChainPatterns, solves: bool, decay: float | None
+    scene: _LearnedPicture, problem: ChainProblem, mask: ChainPatterns, solves: bool, decay: float | None
 ) -> tuple[float, float, torch.Tensor]:
     """Loss and PSNR of a picture, and its pull on the mask; then its own patterns have moved, but for decay None."""
     problem.objective = scene.objective

@@ -122,7 +122,7 @@ _PAPER_LIMIT_DB = 2.0
 _FREE: dict[str, Any] = {"free": ["patterns", "amplitudes", "wavelengths"]}
 
 
-class _Wavelengths(HologramStudy):
+class _WavelengthChoice(HologramStudy):
     name = "wavelengths"
     title = "Optimised against evenly spread wavelengths"
     summary = (
@@ -291,4 +291,4 @@ def _many_and_few(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"scheme": _MANY, "saturation": saturation}, {"scheme": _FEW, "saturation": saturation}
 
 
-STUDIES = (_Schemes(), _WavelengthCount(), _Multisource(), _Wavelengths(), _Bandwidth(), _Gamut())
+STUDIES = (_Schemes(), _WavelengthCount(), _Multisource(), _WavelengthChoice(), _Bandwidth(), _Gamut())

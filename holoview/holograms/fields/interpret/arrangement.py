@@ -122,7 +122,7 @@ def _looks_like(one: Candidate, other: Candidate) -> bool:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _NamedPart:
     """One of several files. Its quantity, "" if unknown; its colour, "" if it isn't one of several colours."""
 
     quantity: str
@@ -133,7 +133,7 @@ class _Part:
         return " ".join(word for word in (self.quantity, self.colour) if word) or "frame"
 
 
-def _name_parts(files: Files, request: ReadRequest) -> list[_Part]:
+def _name_parts(files: Files, request: ReadRequest) -> list[_NamedPart]:
     """The part that each of several files is, as stated or by its name; colours only if there are several."""
     stated = request.parts or ("frame",) * len(files)
     if len(stated) != len(files):
@@ -148,7 +148,7 @@ def _name_parts(files: Files, request: ReadRequest) -> list[_Part]:
         component = _single(path, contents, request)
         is_stated = word not in ("frame", *_COLOUR_PARTS)
         quantity = word if is_stated else component.role or name_role(path.stem)
-        parts.append(_Part(quantity, colour, replace(component, role=quantity, reason="one of several files")))
+        parts.append(_NamedPart(quantity, colour, replace(component, role=quantity, reason="one of several files")))
     return parts
 
 
@@ -159,7 +159,7 @@ def _single(path: Path, contents: Contents, request: ReadRequest) -> Component:
     return candidate.components[0]
 
 
-def _grid(parts: Sequence[_Part], path: Path) -> list[list[tuple[Component, ...]]]:
+def _grid(parts: Sequence[_NamedPart], path: Path) -> list[list[tuple[Component, ...]]]:
     """The components by frame and colour. Raises UserError unless each colour has the same parts."""
     colours = sorted({part.colour for part in parts}, key=_colour_order)
     by_colour = [[part for part in parts if part.colour == colour] for colour in colours]
