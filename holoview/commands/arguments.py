@@ -53,7 +53,7 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effec
 
 
 def add_changes(parser: argparse.ArgumentParser) -> None:
-    """Adds --scheme and --set KEY=VALUE."""
+    """Adds --scheme, --set KEY=VALUE, and --observer, a change of the bench like those of --set."""
     parser.add_argument(
         "--scheme",
         metavar="NAME",
@@ -68,11 +68,6 @@ def add_changes(parser: argparse.ArgumentParser) -> None:
         dest="changes",
         help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
     )
-    add_observer(parser)
-
-
-def add_observer(parser: argparse.ArgumentParser) -> None:
-    """Adds --observer, a change of the bench like those of --set."""
     parser.add_argument(
         "--observer",
         metavar="WHO",

@@ -45,7 +45,8 @@ def write_report(device: Device, options: ReportOptions, folder: Path) -> int:
     print(path)
     if not run.data["is_complete"]:
         return interruption.exit_code
-    if failed := _failed_titles(run.data):
+    entries = [(section, entry) for section, entries in run.data["results"].items() for entry in entries]
+    if failed := [f"{section}, {entry['title']}" for section, entry in entries if "failed" in entry]:
         print_stderr(f"failed, as the report says: {'; '.join(failed)}")
         return EXIT_FAILED
     return 0
@@ -78,12 +79,3 @@ def _viewer(device: Device, options: ReportOptions) -> ReportMeasurement:
 
 def _write(run: ReportRun, path: Path) -> None:
     write_file(path, report_markdown(run.data))
-
-
-def _failed_titles(data: dict[str, Any]) -> list[str]:
-    return [
-        f"{section}, {entry['title']}"
-        for section, entries in data["results"].items()
-        for entry in entries
-        if "failed" in entry
-    ]

@@ -26,7 +26,7 @@ from holoview.bench.captures.capture_speckle import (
 )
 from holoview.bench.captures.speckle_meter import MeterReading, measure_hologram
 from holoview.commands.arguments import (
-    add_observer,
+    add_changes,
     checked_region,
     number,
     parse_lengths,
@@ -98,9 +98,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         help="a picture, a preset's name or TOML file, a hologram's file, or files that are its parts",
     )
-    parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
-    add_observer(parser)
+    add_changes(parser)
     add_place(parser)
     parser.add_argument(
         "--pupils",

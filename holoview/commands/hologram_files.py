@@ -305,7 +305,8 @@ def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram
     Raises UserError as `open_hologram` does.
     """
     request = request_from_args(args)
-    with progress_bar("reading") if _are_large(names) else nullcontext() as progress:
+    size = sum(Path(name).stat().st_size for name in names if Path(name).is_file())
+    with progress_bar("reading") if size > _LARGE_BYTES else nullcontext() as progress:
         opened = open_hologram(names, request, None if progress is None else lambda n, of: progress(n, of, "rows"))
     for note in opened.notes:
         print_stderr(f"note: {note}")
@@ -314,11 +315,6 @@ def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram
     if args.remember and opened.provenance:
         print_stderr(f"note: {remember(names[0], request)} remembers these options")
     return opened
-
-
-def _are_large(names: Sequence[str]) -> bool:
-    """Whether reading files may take seconds."""
-    return sum(Path(name).stat().st_size for name in names if Path(name).is_file()) > _LARGE_BYTES
 
 
 def _from_image(planes: str | list[str], moved_m: float) -> str | list[str]:

@@ -127,7 +127,9 @@ def run(args: argparse.Namespace) -> int:
         raise UserError(f"--loss {FIELD_LOSS}", f"with {where}", expected="a field as the target, and --method adam")
     if args.rig is not None:
         return _run_on_rig(args)
-    _require_no_rig_options(args)
+    for flag, value in (("--model-updates", args.model_updates), ("--update-effects", args.update_effects)):
+        if value:
+            raise UserError(flag, "without --rig", expected="a rig whose camera takes pictures")
     if args.learn:
         return _run_learning(args)
     if is_film:
@@ -357,13 +359,6 @@ def _add_rig(group: argparse._ArgumentGroup) -> None:
         default=[],
         help="effects that these updates may add (default: all)",
     )
-
-
-def _require_no_rig_options(args: argparse.Namespace) -> None:
-    """Raises UserError for options that need --rig."""
-    for flag, value in (("--model-updates", args.model_updates), ("--update-effects", args.update_effects)):
-        if value:
-            raise UserError(flag, "without --rig", expected="a rig whose camera takes pictures")
 
 
 def _settings(

@@ -13,7 +13,7 @@ import shlex
 from functools import partial
 from pathlib import Path
 
-from holoview.commands.arguments import add_observer, parse_region, system_from_args, whole, with_changes
+from holoview.commands.arguments import add_changes, parse_region, system_from_args, whole, with_changes
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import add_field_options, check_no_field_options, is_preset, open_files
 from holoview.commands.output_files import add_input, add_output, check_files
@@ -56,10 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         help="files of holograms, up to four, or presets, which show random patterns; with --parts those of one field",
     )
-    parser.add_argument("--scheme", metavar="NAME", help="drive a preset's bench by a colour scheme")
-    parser.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change a preset"
-    )
+    add_changes(parser)
     add_place(parser)
     parser.add_argument(
         "--claim",
@@ -70,7 +67,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--title", default="", help="heading of the page")
     parser.add_argument("--live", action="store_true", help="embed the holograms, which any browser computes again")
-    add_observer(parser)
     add_target(parser)
     add_edge(parser)
     parser.add_argument(

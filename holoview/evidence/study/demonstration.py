@@ -108,14 +108,13 @@ def comparison_sheet(target: Target, results: Sequence[DisplayResult]) -> NDArra
         focus = f"{name}, focus at {units.format_rounded(target.planes_m[plane], 'mm')}"
         row = [CaptionedTile(_crop(target_rgb8[plane], region), focus)]
         for result in results:
-            caption = _score_caption(result.score, plane) if region is _WHOLE else focus
+            caption, score = focus, result.score
+            if region is _WHOLE:
+                contrast = score.speckle[plane].contrast
+                caption = f"PSNR {score.psnr.planes_db[plane]:.1f} dB, speckle contrast {contrast:.2f}"
             row.append(CaptionedTile(_crop(result.view.srgb8[plane], region), caption))
         rows.append(row)
     return contact_sheet("One frame, two phase modulators: what the eye sees", _COLUMN_TITLES, rows)
-
-
-def _score_caption(score: ImageQuality, plane: int) -> str:
-    return f"PSNR {score.psnr.planes_db[plane]:.1f} dB, speckle contrast {score.speckle[plane].contrast:.2f}"
 
 
 def _crop(picture: NDArray[np.uint8], region: tuple[float, float, float, float]) -> NDArray[np.uint8]:

@@ -226,12 +226,8 @@ def paired_gains(results: Results, better: JobSettings, worse: JobSettings, key:
 def table_row(job: StudyJob, result: JobResult, names: Sequence[str]) -> dict[str, Any]:
     """A row of the table of numbers: the named settings of the job, and its numbers without lists and tables."""
     scalars = {key: value for key, value in result.numbers.items() if not isinstance(value, list | dict)}
-    return {name: _table_cell(job.settings.get(name)) for name in names} | scalars
-
-
-def _table_cell(setting: Any) -> Any:
-    """A setting as a cell: lists and tables as JSON text."""
-    return json.dumps(setting) if isinstance(setting, list | dict) else setting
+    settings = {name: job.settings.get(name) for name in names}  # lists and tables as JSON text
+    return {k: json.dumps(v) if isinstance(v, list | dict) else v for k, v in settings.items()} | scalars
 
 
 def mean_by_case(results: Results, keys: Sequence[str], cases: Sequence[JobSettings]) -> dict[str, list[float]]:

@@ -53,15 +53,11 @@ def format_claims(claims: Sequence[Claim]) -> list[str]:
     """A table of the claims as lines of text, with a line of headings."""
     table = [
         ("claim", "paper", "here", "verdict"),
-        *((c.claim, c.published, c.measured, _format_verdict(c)) for c in claims),
+        *((c.claim, c.published, c.measured, f"{c.verdict}: {c.reason}" if c.reason else c.verdict) for c in claims),
     ]
     widths = [max(len(row[i]) for row in table) for i in range(3)]
     lines = ["  ".join([*(cell.ljust(w) for cell, w in zip(row[:3], widths, strict=True)), row[3]]) for row in table]
     return [line.rstrip() for line in lines]
-
-
-def _format_verdict(claim: Claim) -> str:
-    return f"{claim.verdict}: {claim.reason}" if claim.reason else claim.verdict
 
 
 def _render_html(

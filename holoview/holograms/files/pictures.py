@@ -182,20 +182,12 @@ def open_encoder(path: Path, frames: int, seconds: float) -> Encoder:
 
 def _encoder(suffix: str) -> _Encode:
     if suffix == ".png":
-        return _encode_png
+        return lambda frames, s, texts: _encode_by_pillow("PNG", frames, s, pnginfo=png_chunks(texts))
     if suffix == ".gif":
-        return _encode_gif
+        return lambda frames, s, texts: _encode_by_pillow("GIF", frames, s)
     if suffix == ".mp4":
         return _mp4_encoder()
     raise UserError("animation", f'the suffix "{suffix}"', expected=" or ".join(SUFFIXES))
-
-
-def _encode_png(frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> bytes:
-    return _encode_by_pillow("PNG", frames, seconds, pnginfo=png_chunks(texts))
-
-
-def _encode_gif(frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> bytes:
-    return _encode_by_pillow("GIF", frames, seconds)
 
 
 def _encode_by_pillow(name: str, frames: list[Pixels], seconds: float, **options: Any) -> bytes:

@@ -35,7 +35,7 @@ from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.drives import chain_drives, complex_names
 from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Element, PhaseModulator
-from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
 from holoview.light.optics.chain import ChainTransmissions
@@ -182,7 +182,9 @@ class ChainProblem:
         steps = len(self.plan.planes) + 2 * len(self.plan.way.steps)
         require_memory("optimisation", samples * steps * _BYTES, remedy="lower shape, upsample, frames or wavelengths")
         self.objective: Objective = make_objective(self.plan, stack, settings, device=device, double=double)
-        self._executor = _Executor(self.plan, _placeholder(self.plan), double=double, device=device)
+        shapes = self.plan.nominal.drive_shapes  # of patterns that are shown later
+        inputs = FrameInputs(self.plan, {name: np.zeros(shape) for name, shape in shapes.items()})
+        self._executor = _Executor(self.plan, inputs, double=double, device=device)
         self._lasers = [(f, λ) for λ in range(len(system.wavelengths_m)) for f in self.plan.lit(λ)]
         self._share = 1.0 / (system.frames * len(self.plan.slopes))
 
@@ -301,11 +303,6 @@ class _Executor(TorchExecutor):
         if key not in kept:
             kept[key] = derive(*arguments)
         return kept[key]
-
-
-def _placeholder(plan: Plan) -> FrameInputs:
-    """Inputs of a chain whose patterns are shown later."""
-    return FrameInputs(plan, {name: np.zeros(shape) for name, shape in plan.nominal.drive_shapes.items()})
 
 
 def _power(values: Tensor) -> Tensor:

@@ -128,7 +128,8 @@ class PlaneErrors(Effect):
                 yield {"distances": (float(plane),), "errors": (error,)}
 
     def camera_distance(self, distance_m: float, v: Values) -> float:
-        return distance_m + sum(e for z, e in zip(v["distances"], v["errors"], strict=True) if _is_same(z, distance_m))
+        pairs = zip(v["distances"], v["errors"], strict=True)
+        return distance_m + sum(error for z, error in pairs if abs(z - distance_m) < _SAME_M)
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         pairs = zip(v["distances"], v["errors"], strict=False)
@@ -141,7 +142,3 @@ class PlaneErrors(Effect):
     def contradiction(self, v: Values) -> str:
         distances, errors = len(v["distances"]), len(v["errors"])
         return "" if distances == errors else f"has {distances} distances, {errors} errors: as many of each are needed"
-
-
-def _is_same(first_m: float, second_m: float) -> bool:
-    return abs(first_m - second_m) < _SAME_M

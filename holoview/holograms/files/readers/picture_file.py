@@ -42,7 +42,7 @@ class PictureReader:
             warnings.simplefilter("ignore")  # of metadata that are damaged, which aren't used
             with Image.open(path, formats=_FORMATS) as opened:
                 mode, width, height = opened.mode, opened.width, opened.height
-                is_deep = opened.format == "PNG" and _png_bits(path) == 16
+                is_deep = opened.format == "PNG" and read_bytes(path, "a picture", most=25)[24] == 16
                 is_grey = mode == "P" and _has_grey_palette(opened)
                 notes = _notes(opened)
         colours = 1 if is_grey or _SAMPLES.get(mode, 3) < 3 else 3
@@ -86,10 +86,6 @@ def _orientation(image: Image.Image) -> int:
     with suppress(Exception):  # metadata are of no other use here
         return int(image.getexif().get(EXIF_ORIENTATION, 1))
     return 1
-
-
-def _png_bits(path: Path) -> int:
-    return read_bytes(path, "a picture", most=25)[24]
 
 
 def _has_grey_palette(image: Image.Image) -> bool:
