@@ -26,7 +26,8 @@ class Framing:
 
     Raises UserError for a share or a centre out of range.
 
-    >>> Framing("fit").window((100, 400), (100, 200))
+    >>> import holoview as hv
+    >>> hv.Framing("fit").window((100, 400), (100, 200))
     (0.0, -50.0, 400.0, 200.0)
     """
 
@@ -46,9 +47,10 @@ class Framing:
     def parse(cls, text: str, where: str = "framing") -> Framing:
         """The framing of text: "fill", "fit", "crop", or "crop:X,Y" and "crop:X,Y,SHARE" in fractions.
 
-        Raises UserError for other text, and as the constructor does.
+        where: the name of the text in errors. Raises UserError for other text, and as the constructor does.
 
-        >>> Framing.parse("crop:0.25,0.5,0.8")
+        >>> import holoview as hv
+        >>> hv.Framing.parse("crop:0.25,0.5,0.8")
         Framing(kind='crop', centre=(0.25, 0.5), share=0.8)
         """
         kind, has_numbers, rest = text.partition(":")
@@ -66,6 +68,10 @@ class Framing:
         """The part of a picture of a shape (y, x) that a grid of a shape shows: left, top, width, height in its pixels.
 
         Of "fit" it is larger than the picture.
+
+        >>> import holoview as hv
+        >>> hv.Framing("crop", (0.25, 0.5), 0.5).window((100, 400), (100, 200))
+        (50.0, 25.0, 100.0, 50.0)
         """
         (rows, columns), ratios = picture, (grid[0] / picture[0], grid[1] / picture[1])
         scale = min(ratios) if self.kind == "fit" else max(ratios)
@@ -77,7 +83,14 @@ class Framing:
         return left, min(max(self.centre[1] * rows - height / 2, 0.0), max(rows - height, 0.0)), width, height
 
     def describe(self, picture: tuple[int, int], grid: tuple[int, int]) -> str:
-        """What is cut off a picture, or black beside it, in words; "" where all of it is seen and nothing else."""
+        """What is cut off a picture of a shape (y, x), or black beside it, on a grid of a shape, in words.
+
+        "" where all of it is seen and nothing else.
+
+        >>> import holoview as hv
+        >>> hv.Framing("fit").describe((100, 400), (100, 200))
+        'black: 25 % above, 25 % below'
+        """
         left, top, width, height = self.window(picture, grid)
         across, down = (left, picture[1] - left - width), (top, picture[0] - top - height)
         outside = dict(zip(("left", "right", "above", "below"), (*across, *down), strict=True))
