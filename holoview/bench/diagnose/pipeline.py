@@ -88,6 +88,9 @@ _CORRECTION_SHARE = 0.7
 virtual rig (48 × 64 pixels, 24 captures)."""
 _SPECKLE_SHARE = 0.6
 """[1] Of the time, which the search by speckle may take. Evidence: a reason: the usual search needs the rest."""
+_USUAL_SHARE = 0.5
+"""[1] Of the time, which the search by derivatives may take where light that was found by speckle waits to be judged.
+Evidence: a reason: judging takes seconds."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
@@ -194,10 +197,19 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     said: list[str] = []
     captures = with_clipped_as_saturated(captures, said.append)
     records = check_records(captures, request.known)
-    if not request.known and (by_speckle := _light_by_speckle(records.captures, request, said.append)):
+    by_speckle = None if request.known else _light_by_speckle(records.captures, request, said.append)
+    judge_light: Callable[[], Diagnosis] | None = None
+    if by_speckle:
         window, light = by_speckle
-        diagnosis = _search(replace(records, captures=window), request, 1.0, light)
-        return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
+        of_window = replace(records, captures=window)
+        if records.captures.is_fourier:
+            diagnosis = _search(of_window, request, 1.0, light)
+            return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
+        left = replace(request, time_s=(1 - _USUAL_SHARE) * request.time_s)  # near fields: single causes come first
+        judge_light, request = (
+            partial(_search, of_window, left, 1.0, light),
+            replace(request, time_s=_USUAL_SHARE * request.time_s),
+        )
     share = 0.5 if records.are_doubtful else 1.0
     request, _ = _with_chosen_sampling(records.captures, request)
     request = replace(request, uncertain={**uncertainties(records.captures), **request.uncertain})
@@ -207,6 +219,10 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
         diagnosis = better_explained(records, diagnosis, as_recorded)
+    if judge_light is not None and diagnosis.verdict in _OPEN and not request.is_asked:
+        of_light = judge_light()
+        if of_light.causes and of_light.after.chi2_per_pixel < diagnosis.after.chi2_per_pixel:
+            diagnosis, notes = of_light, ()
     return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
 
 
@@ -365,7 +381,8 @@ def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request
 def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
     """The causes that stand for the light that was found by speckle, judged by least squares."""
     fit = CandidateFit(tuple(light.values), light.values, math.inf)
-    initial = InitialCandidates((fit,), are_searched=light.after > NEAR_CORRELATION, over_field_only=True)
+    is_fourier, are_searched = prepared.whole.data.captures.is_fourier, light.after > NEAR_CORRELATION
+    initial = InitialCandidates((fit,), are_searched, over_field_only=True, has_fine=not is_fourier)
     search = partial(search_once, prepared.whole, progress=progress, initial=initial)
     outcome = judge_captures(
         prepared.whole, search(prepared.whole.left_out), search, prepared.useless, prepared.count, progress

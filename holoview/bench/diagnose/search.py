@@ -115,13 +115,14 @@ class InitialCandidates:
     """The causes that a first search suggests for a further one. fits: the best first, then its rivals. are_searched:
     whether effects are searched beside them. over_field_only: only those that vary over the field. are_fitted: whether
     their values were fitted to parts of these pictures; the fit is then repeated on whole pictures only if these values
-    don't explain them.
+    don't explain them. has_fine: whether their secondary parameters are fitted too.
     """
 
     fits: tuple[CandidateFit, ...]
     are_searched: bool
     over_field_only: bool = False
     are_fitted: bool = False
+    has_fine: bool = False
 
 
 def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
@@ -165,7 +166,8 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
     if initial.are_fitted and math.isfinite(context.field_budget) and _is_explained(context, result):
         return result
     if initial.fits:
-        refined = context.run_parallel([partial(refine_fit, context, fit) for fit in initial.fits])
+        fine = initial.has_fine
+        refined = context.run_parallel([partial(refine_fit, context, fit, include_fine=fine) for fit in initial.fits])
         result = rank_on_held_out(context, [*refined, *initial.fits])
     elif further and result.nominal.excess > jitter_excess(result.pixel_count):
         result = _search_single_causes(context, further, progress)

@@ -37,8 +37,9 @@ def light_by_speckle(
     effects: ids of the candidates. None where there are many pictures or the nominal bench is near, and where no light
     makes the speckle stand: then a search by derivatives does better, or has to say so.
     """
-    is_alike = len(captures.wavelengths_m) == len(np.unique(captures.distance_m)) == 1
-    if not (captures.is_fourier and is_alike and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
+    is_alike = len(np.unique(captures.distance_m)) == 1
+    is_alike = is_alike and not (captures.is_fourier and len(captures.wavelengths_m) > 1)
+    if not (is_alike and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
