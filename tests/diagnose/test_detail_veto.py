@@ -10,9 +10,10 @@ from scipy.ndimage import gaussian_filter
 
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.bench.diagnose.detail_veto import detail, veto_lost_detail
+from holoview.bench.diagnose.detail_veto import detail, veto_lost_detail, veto_uncorrelated, veto_without_effect
 from holoview.bench.diagnose.fit import CandidateFit
-from holoview.bench.diagnose.judge import Decision, Verdict, rank_on_held_out
+from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, rank_on_held_out
+from holoview.bench.diagnose.search_context import SearchContext
 from tests.diagnose.conftest import make_context_of, small_system
 
 BLURRED = {"camera_blur": {"sigma": 3.0}}
@@ -58,3 +59,36 @@ def test_a_blur_is_named_only_where_the_pictures_lack_the_detail(is_real: bool) 
     else:
         assert decision.verdict is Verdict.UNEXPLAINED and decision.best is None
         assert notes[0].startswith("camera_blur is not named")
+
+
+def _partly(context: SearchContext, values: dict[str, dict[str, float]]) -> tuple[SearchResult, Decision]:
+    result = rank_on_held_out(context, [CandidateFit(tuple(values), values, 0.0)])
+    return result, Decision(Verdict.PARTLY, result.best)
+
+
+def test_a_cause_of_no_size_is_not_named_beside_a_true_one() -> None:
+    """A shift of the picture by a billionth of a metre, 25 millionths of a pixel, changes no prediction."""
+    true = {"tilt": {"tilt_y": 0.001, "tilt_x": -0.002}}
+    context = make_context_of(_measured(true))
+    result, decision = _partly(context, true | {"camera_alignment": {"shift_y": 1e-9}})
+    decided, notes = veto_without_effect(context, result, decision)
+    assert decided.best is not None and decided.best.causes == ("tilt",) and decided.verdict is Verdict.PARTLY
+    assert notes == ["camera_alignment is not named: without it the held-out pixels are predicted as well."]
+    assert veto_without_effect(context, result, decided) == (decided, [])  # what acts stays
+
+
+@pytest.mark.parametrize("is_shown", [True, False])
+def test_nothing_is_named_far_from_pictures_whose_speckle_stands_nowhere(is_shown: bool) -> None:
+    """Light of the room lowers χ² beside patterns that were never shown; beside those that were, their speckle stands,
+    though the room's light stays a part of what is wrong."""
+    room = {"ambient": {"level": 0.1}}
+    measured = _measured(room | {"tilt": {"tilt_y": 1e-4}})
+    context = make_context_of(measured if is_shown else _with_patterns_of_others(measured))
+    result, decision = _partly(context, room)
+    if is_shown:
+        assert veto_uncorrelated(context, result, decision) == (decision, [])
+        return
+    assert result.best.chi2_per_pixel > 4
+    decided, notes = veto_uncorrelated(context, result, decision)
+    assert decided.verdict is Verdict.UNEXPLAINED and decided.best is None
+    assert "the predicted speckle doesn't stand in the pictures" in notes[0]

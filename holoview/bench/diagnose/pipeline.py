@@ -205,11 +205,10 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
         if records.captures.is_fourier:
             diagnosis = _search(of_window, request, 1.0, light)
             return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
-        left = replace(request, time_s=(1 - _USUAL_SHARE) * request.time_s)  # near fields: single causes come first
-        judge_light, request = (
-            partial(_search, of_window, left, 1.0, light),
-            replace(request, time_s=_USUAL_SHARE * request.time_s),
-        )
+        # Near fields: single causes come first, of which light and camera may make a good imitation.
+        left = replace(request, time_s=(1 - _USUAL_SHARE) * request.time_s)
+        request = replace(request, time_s=_USUAL_SHARE * request.time_s)
+        judge_light = partial(_search, of_window, left, 1.0, light)
     share = 0.5 if records.are_doubtful else 1.0
     request, _ = _with_chosen_sampling(records.captures, request)
     request = replace(request, uncertain={**uncertainties(records.captures), **request.uncertain})
