@@ -15,6 +15,9 @@ from holoview.util.progress import ProgressCallback
 
 _MOST_PICTURES = 4
 """[captures] Predicted together in a search by speckle; of more, derivatives find most causes. Evidence: the cost."""
+_MOST_NEAR_PX = 65_536
+"""[pixels] Of the modulators, in a near field, which can't be cut to a window. Evidence: measured: 64 × 48 pixels take
+3 to 8 s of a core, and larger ones in proportion."""
 _FAR_CHI2 = 4.0
 """[χ²/n] Nominal predictions that leave less are near enough for derivatives. Evidence: none recorded."""
 _STANDING = 0.85
@@ -39,7 +42,8 @@ def light_by_speckle(
     """
     is_alike = len(np.unique(captures.distance_m)) == 1
     is_alike = is_alike and not (captures.is_fourier and len(captures.wavelengths_m) > 1)
-    if not (is_alike and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
+    is_small = captures.is_fourier or captures.levels[0].size <= _MOST_NEAR_PX
+    if not (is_alike and is_small and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
