@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -73,7 +74,27 @@ XyzTerms = dict[FrameWavelength, tuple[Fingerprint, bytes]]
 """Fingerprints of the intensities that XYZ is the sum of, and their weights."""
 
 
-class IncrementalRenderer:
+class LaserReadout(ABC):
+    """The light of each laser of a system at the plane that is rendered, summed over the lines of its plan."""
+
+    _plan: Plan
+
+    @abstractmethod
+    def _line_intensity(self, wavelength: int) -> NDArray[np.float32]:
+        """Intensity (y, x) of a wavelength of the plan."""
+
+    def intensity(self, laser: int) -> NDArray[np.float32]:
+        """Up-to-date intensity (y, x) of a laser of the system: mean over frames and sources, with its power."""
+        return np.sum([self._line_intensity(line) for line in self._plan.lasers[laser].indices], axis=0)
+
+    def luminance(self, laser: int) -> NDArray[np.float32]:
+        """Up-to-date luminance (y, x) of a laser of the system: its part of the Y of `xyz`."""
+        weights = self._plan.colour_weights[:, 1].astype(np.float32)
+        lines = self._plan.lasers[laser].indices
+        return np.sum([weights[line] * self._line_intensity(line) for line in lines], axis=0)
+
+
+class IncrementalRenderer(LaserReadout):
     """Renders the drive of a system at one focal plane, and re-renders it after edits.
 
     After `edit`, either call `update`, or iterate over `steps`, which submit little work each, and stop as soon as the
@@ -278,16 +299,6 @@ class IncrementalRenderer:
     def srgb8(self) -> NDArray[np.uint8]:
         """The 8-bit sRGB image (y, x, 3) of the last update."""
         return self.compositor.download_srgb8(self.srgb_buffer)
-
-    def intensity(self, laser: int) -> NDArray[np.float32]:
-        """Up-to-date intensity (y, x) of a laser of the system: mean over frames and sources, with its amplitude."""
-        return np.sum([self._line_intensity(line) for line in self._plan.lasers[laser].indices], axis=0)
-
-    def luminance(self, laser: int) -> NDArray[np.float32]:
-        """Up-to-date luminance (y, x) of a laser of the system: its part of the Y of `xyz`."""
-        weights = self._plan.colour_weights[:, 1].astype(np.float32)
-        lines = self._plan.lasers[laser].indices
-        return np.sum([weights[line] * self._line_intensity(line) for line in lines], axis=0)
 
     def _line_intensity(self, wavelength: int) -> NDArray[np.float32]:
         """Up-to-date intensity (y, x) of a wavelength of the plan."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor
 from holoview.light.engine.frame import add_beam
-from holoview.light.engine.incremental import UpdateProgress
+from holoview.light.engine.incremental import LaserReadout, UpdateProgress
 from holoview.light.engine.wgpu_executor import WgpuExecutor
 from holoview.light.gpu.device import Buffer, Device
 from holoview.light.model.plan import make_plan
@@ -26,7 +26,7 @@ from holoview.light.model.validity import check_plan
 from holoview.light.optics.frame_inputs import FrameInputs
 
 
-class StagedRenderer:
+class StagedRenderer(LaserReadout):
     """Renders a chain at one focal plane, and again after each `edit`; `steps` submit little work each.
 
     drive: patterns (frame, y, x) of its elements by their names. plane_m, step_s, update_s, progress, xyz_buffer: as of
@@ -106,16 +106,6 @@ class StagedRenderer:
     def xyz(self) -> NDArray[np.float32]:
         """XYZ (y, x, 3) of the last update."""
         return self.compositor.download_xyz(self.xyz_buffer)
-
-    def intensity(self, laser: int) -> NDArray[np.float32]:
-        """Intensity (y, x) of a laser of the system, computed anew: mean over frames and sources, with its power."""
-        return np.sum([self._line_intensity(line) for line in self._plan.lasers[laser].indices], axis=0)
-
-    def luminance(self, laser: int) -> NDArray[np.float32]:
-        """Luminance (y, x) of a laser of the system, computed anew: its part of the Y of `xyz`."""
-        weights = self._plan.colour_weights[:, 1].astype(np.float32)
-        lines = self._plan.lasers[laser].indices
-        return np.sum([weights[line] * self._line_intensity(line) for line in lines], axis=0)
 
     def _line_intensity(self, wavelength: int) -> NDArray[np.float32]:
         """Intensity (y, x) of a wavelength of the plan; an update of XYZ that is under way begins anew."""
