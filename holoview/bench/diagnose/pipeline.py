@@ -67,7 +67,7 @@ from holoview.bench.diagnose.search_context import (
     field_samples,
 )
 from holoview.bench.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
-from holoview.bench.diagnose.speckle_evidence import NEAR_CORRELATION, describe_light, light_by_speckle
+from holoview.bench.diagnose.speckle_evidence import FAR_CHI2, NEAR_CORRELATION, describe_light, light_by_speckle
 from holoview.bench.diagnose.speckle_search import FoundLight
 from holoview.bench.diagnose.worker_pool import WorkerPool
 from holoview.light.model.effects.effect import Effect
@@ -218,7 +218,8 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
         diagnosis = better_explained(records, diagnosis, as_recorded)
-    if judge_light is not None and diagnosis.verdict in _OPEN and not request.is_asked:
+    is_far = diagnosis.verdict in _OPEN and diagnosis.after.chi2_per_pixel > FAR_CHI2
+    if judge_light is not None and is_far and not request.is_asked:
         of_light = judge_light()
         if of_light.causes and of_light.after.chi2_per_pixel < diagnosis.after.chi2_per_pixel:
             diagnosis, notes = of_light, ()

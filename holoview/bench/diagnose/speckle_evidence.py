@@ -18,7 +18,7 @@ _MOST_PICTURES = 4
 _MOST_NEAR_PX = 65_536
 """[pixels] Of the modulators, in a near field, which can't be cut to a window. Evidence: measured: 64 × 48 pixels take
 3 to 8 s of a core, and larger ones in proportion."""
-_FAR_CHI2 = 4.0
+FAR_CHI2 = 4.0
 """[χ²/n] Nominal predictions that leave less are near enough for derivatives. Evidence: none recorded."""
 _STANDING = 0.85
 """[1] Correlation of held-out speckle above which the nominal bench needs no such search. Evidence: none recorded."""
@@ -47,7 +47,7 @@ def light_by_speckle(
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
-    if _nominal_chi2(data) < _FAR_CHI2 or SpeckleSearch(data).held_out(None) > _STANDING:
+    if _nominal_chi2(data) < FAR_CHI2 or SpeckleSearch(data).held_out(None) > _STANDING:
         return None
     found = find_light(data, prepare_captures(window_of(window, _PART_PX)), progress)
     return (window, found) if found.after > max(found.before + _GAIN, _LEAST) else None
