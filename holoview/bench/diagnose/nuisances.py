@@ -15,6 +15,7 @@ integrate, that counts as much as a cause: one that isn't needed beside it isn't
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -145,13 +146,22 @@ def drop_sampling_artefacts(
     """The decision without causes that other samples make superfluous; with notes, and with the sampling that would
     explain the captures better where nobody stated whether camera pixels integrate.
 
-    A model that predicts the captures down to their noise is compared with the other kind of pixels alone.
+    A model that predicts the captures down to their noise is compared with the other kind of pixels alone. A nominal
+    bench that leaves no more than chosen samples may is consistent.
     """
     best, config = decision.best, context.config
     at_noise = best is not None and best.excess <= chance_excess(result.pixel_count)
     is_open = context.has_open_sampling
     if decision.verdict is Verdict.CONSISTENT or (at_noise and not is_open):
         return decision, [], None
+    nominal = result.nominal
+    may_leave = context.left_by_samples
+    if may_leave and nominal.excess <= math.hypot(jitter_excess(result.pixel_count), may_leave):
+        note = (
+            f"Nothing is named: of finer samples that were assumed, still finer ones may take what the nominal bench "
+            f"leaves (χ²/n {nominal.chi2_per_pixel:.4g}, of which {may_leave:.2g} may be theirs)."
+        )
+        return Decision(Verdict.CONSISTENT, None), [note], None
     comparison = _check_comparison(context, decision)
     alternatives = _alternative_comparisons(context, comparison, at_noise)
     needed_gain = (-1.0 if at_noise else 1.0) * config.verdict.min_delta_chi2

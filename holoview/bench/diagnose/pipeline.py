@@ -181,6 +181,7 @@ class _Request:
     sampling: SamplingConfig
     config: SearchConfig
     has_open_sampling: bool  # neither the caller nor, so far, the captures say how the light is sampled
+    left_by_samples: float = 0.0  # excess of χ²/n, where the captures chose them
 
     def start_workers(self) -> WorkerPool:
         """Processes for a search."""
@@ -268,7 +269,8 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, request.known)
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
-    whole = replace(_limited(whole, request, share), has_open_sampling=request.has_open_sampling)
+    whole = _limited(whole, request, share)
+    whole = replace(whole, has_open_sampling=request.has_open_sampling, left_by_samples=request.left_by_samples)
     with whole.measuring_pace():
         middle = middle_of_context(whole)
     parts = None if middle is None else parts_of_context(whole, middle, request.known)
@@ -364,7 +366,9 @@ def _with_chosen_sampling(captures: Captures, request: _Request) -> tuple[_Reque
         return replace(request, has_open_sampling=False), []
     useless = [bad.index for bad in find_useless_captures(captures, request.known)]
     chosen = choose_sampling(captures, useless, request.known)
-    return (request, []) if chosen is None else (replace(request, sampling=chosen.sampling), [chosen.note])
+    if chosen is None:
+        return request, []
+    return replace(request, sampling=chosen.sampling, left_by_samples=chosen.may_leave), [chosen.note]
 
 
 def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request) -> Diagnosis:

@@ -262,15 +262,16 @@ class SearchContext:
 
     data: the captures, prepared. system: the nominal bench, with known effects. effects: the candidates by id. split:
     the captures that are searched, fitted and held out. predictor: predicts captures, sampled as `sampling` says.
-    workers: run jobs in parallel. variances: of the noise, from the captures. config: settings of all stages.
-    field_budget: after so many fields a search begins nothing new that takes long. prnu: standard deviation of the
-    pixels' relative sensitivity. has_camera_jitter: whether the camera moves from capture to capture, so that
-    comparisons fit its movements. equivalents: for each effect the others that are the same physics on this bench.
-    unseen: effects by id that such captures can't tell from others, and that aren't candidates. left_out: captures that
-    no fit uses, by index. end: when the search has to end. best_so_far: its best result. pace: how fast it is.
-    missing_light: (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators
-    that were cut; None where nothing was cut. windows: rows and columns, in whole pictures, of the parts that these
-    pictures show one below the other; none where they are whole.
+    left_by_samples: excess of χ²/n that samples may leave which were chosen by these captures. workers: run jobs in
+    parallel. variances: of the noise, from the captures. config: settings of all stages. field_budget: after so many
+    fields a search begins nothing new that takes long. prnu: standard deviation of the pixels' relative sensitivity.
+    has_camera_jitter: whether the camera moves from capture to capture, so that comparisons fit its movements.
+    equivalents: for each effect the others that are the same physics on this bench. unseen: effects by id that such
+    captures can't tell from others, and that aren't candidates. left_out: captures that no fit uses, by index. end:
+    when the search has to end. best_so_far: its best result. pace: how fast it is. missing_light: (capture,), r.m.s.
+    error over mean light of predictions that lack the light from beyond modulators that were cut; None where nothing
+    was cut. windows: rows and columns, in whole pictures, of the parts that these pictures show one below the other;
+    none where they are whole.
     """
 
     data: PreparedCaptures
@@ -283,6 +284,7 @@ class SearchContext:
     config: SearchConfig = field(default_factory=SearchConfig)
     sampling: SamplingConfig = PLAIN
     has_open_sampling: bool = False
+    left_by_samples: float = 0.0
     field_budget: float = math.inf
     prnu: float = 0.0
     has_camera_jitter: bool = False
