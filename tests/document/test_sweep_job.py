@@ -50,19 +50,30 @@ def run(session: EditingSession, request: SweepRequest) -> SweepJob:
     return job
 
 
-def test_the_numbers_are_those_of_the_command(session: EditingSession, picture: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("measure", ["psnr", "contrast", "contrast beside a target"])
+def test_the_numbers_are_those_of_the_command(
+    session: EditingSession, picture: Path, measure: str, tmp_path: Path
+) -> None:
+    """Random patterns don't show the target, beside which their contrast is withheld."""
+    measured, _, beside = measure.partition(" ")
+    has_target = measured == "psnr" or bool(beside)
+    if not has_target:
+        session = EditingSession(session.system, session.drive)
+        session.sweeper = sweep_document
     Hologram(session.drive, session.system).save(tmp_path / "h.safetensors")
-    for measure in ("psnr", "contrast"):
-        curve = run(session, SweepRequest("gap=1mm:3mm:3", measure)).curve
-        command = ("sweep", tmp_path / "h.safetensors", "--set", "gap=1mm:3mm:3", "--measure", measure)
-        command = (*command, "--target", picture, "-o", tmp_path / f"{measure}.csv")
-        assert main([str(word) for word in command]) == 0
-        rows = list(csv.DictReader(io.StringIO((tmp_path / f"{measure}.csv").read_text(encoding="utf-8"))))
-        assert curve is not None and curve.heading == "gap (mm)"
-        assert [point.value for point in curve.points] == [float(row["gap (mm)"]) for row in rows] == [1, 2, 3]
-        column = next(name for name in rows[0] if name.partition(" ")[0] == measure)
-        assert [p.measured for p in curve.points] == pytest.approx([float(row[column]) for row in rows], rel=1e-9)
-    assert all(point.error > 0 for point in curve.points)  # of the contrast
+    curve = run(session, SweepRequest("gap=1mm:3mm:3", measured)).curve
+    command = ("sweep", tmp_path / "h.safetensors", "--set", "gap=1mm:3mm:3", "--measure", measured)
+    command = (*command, *(("--target", picture) if has_target else ()), "-o", tmp_path / "found.csv")
+    assert main([str(word) for word in command]) == 0
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "found.csv").read_text(encoding="utf-8"))))
+    assert curve is not None and curve.heading == "gap (mm)"
+    assert [point.value for point in curve.points] == [float(row["gap (mm)"]) for row in rows] == [1, 2, 3]
+    column = next(name for name in rows[0] if name.partition(" ")[0] == measured)
+    expected = [float(row[column]) for row in rows]
+    assert [p.measured for p in curve.points] == pytest.approx(expected, rel=1e-9, nan_ok=bool(beside))
+    assert np.isnan(expected).all() == bool(beside)
+    if measure == "contrast":
+        assert all(point.error > 0 for point in curve.points)
 
 
 def test_what_the_panel_offers_can_be_measured_and_swept(session: EditingSession) -> None:

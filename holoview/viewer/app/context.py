@@ -350,8 +350,9 @@ class AppContext:
         """The full images that are shown: that of the document, then those beside it; none before the first."""
         session, view = self.session, self.session.view_settings
         now = self.side_renderers.xyz(NOW)
-        own = session.target_at(), session.other_targets()
-        images = [] if now is None else [ShownImage(session.document.title, now, *own)]
+        images = []
+        if now is not None:
+            images.append(ShownImage(session.document.title, now, session.target_at(), session.other_targets()))
         beside = (view.shown,) if view.compare == "off" else (view.a, view.b)
         for side in dict.fromkeys(beside) if images else ():
             other = None if side in (NOW, TARGET) else self.side_renderers.xyz(side)
