@@ -27,7 +27,7 @@ from holoview.holograms.files.image_reader import Raster, read_raster
 from holoview.holograms.files.light_file import is_light_file, read_light
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
-from holoview.holograms.metrics.likeness import contrasts_of_planes, resolved_contrast
+from holoview.holograms.metrics.likeness import luminance_contrast, resolved_contrast
 from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
 from holoview.holograms.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve
 from holoview.holograms.optimise.eyes import PupilPlaces
@@ -277,9 +277,13 @@ def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:
 
 
 def _contrast_of_planes(view: View, target: Floats) -> tuple[float | None, str | None]:
-    """The mean over planes of the contrast that `contrast --target` states and None, or None and why it is withheld."""
+    """The mean over planes of the contrast that `contrast --target` states and None, or None and why it is withheld.
+
+    The stack is known to be the right one: its planes aren't tried in each other's place.
+    """
     region = _speckle_region(target) or central_region(target.shape[1:3])
-    found = contrasts_of_planes(view.xyz[..., 1], region, target)
+    pairs = zip(view.xyz[..., 1], target, strict=True)
+    found = [luminance_contrast(luminance, region, picture) for luminance, picture in pairs]
     if withheld := next((of.withheld for of in found if of.withheld), None):
         return None, withheld
     return float(np.mean([of.estimate.contrast for of in found])), None

@@ -236,18 +236,6 @@ def luminance_contrast(
     return LuminanceContrast(estimate, pattern, raw, True, "", alike, blur_px, left, better)
 
 
-def contrasts_of_planes(
-    luminance: NDArray[np.floating], region: Region, stack: NDArray[np.floating]
-) -> list[LuminanceContrast]:
-    """The contrast of a region of each luminance (plane, y, x) beside its target (plane, y, x, 3), the others known."""
-    named = {f"at plane {k + 1} of {len(stack)}": picture for k, picture in enumerate(stack)}
-    found = []
-    for image, (own, target) in zip(luminance, named.items(), strict=True):
-        others = {name: picture for name, picture in named.items() if name != own}
-        found.append(luminance_contrast(image, region, target, others=others))
-    return found
-
-
 def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpecklePattern, raw: float) -> str:
     """Why a contrast isn't to be stated; "" where it is."""
     if alike.at_most < LEAST_SHARE:
