@@ -21,6 +21,7 @@ from holoview.bench.diagnose.fit_statistics import speckle_change
 from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, score_on_held_out
 from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.search_context import SearchContext
+from holoview.bench.diagnose.speckle_evidence import FAR_CHI2
 from holoview.light.numerics.speckle_match import local_mean
 
 _CAPTURES = 4  # [captures] Held-out ones whose detail is compared.
@@ -35,10 +36,6 @@ model far from the pictures takes or gives a hundredth by chance; near the floor
 _UNCORRELATED = 0.3
 """[1] Correlation of local contrasts below which speckle stands nowhere. Evidence: a real bench: 0.14 with a blur that
 wasn't there, 0.77 with the true light."""
-_FAR_CHI2 = 4.0
-"""[χ²/n] A fit that leaves less predicts most of the light, whatever noise does to the grains. Evidence: none
-recorded."""
-
 Floats = NDArray[np.float64]
 Masks = NDArray[np.bool_]
 
@@ -85,7 +82,7 @@ def veto_without_effect(context: SearchContext, result: SearchResult, decision: 
 def veto_uncorrelated(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[Decision, list[str]]:
     """No causes, with a note, where a prediction far from the pictures has its grains elsewhere than they."""
     best = decision.best
-    if decision.verdict is not Verdict.PARTLY or best is None or best.chi2_per_pixel < _FAR_CHI2:
+    if decision.verdict is not Verdict.PARTLY or best is None or best.chi2_per_pixel < FAR_CHI2:
         return decision, []
     if _detail_share(context, best.fit.values) is None:
         return decision, []

@@ -19,7 +19,8 @@ _MOST_NEAR_PX = 65_536
 """[pixels] Of the modulators, in a near field, which can't be cut to a window. Evidence: measured: 64 × 48 pixels take
 3 to 8 s of a core, and larger ones in proportion."""
 FAR_CHI2 = 4.0
-"""[χ²/n] Nominal predictions that leave less are near enough for derivatives. Evidence: none recorded."""
+"""[χ²/n] Predictions that leave less are near enough for derivatives, whatever noise does to the grains. Evidence: none
+recorded."""
 _STANDING = 0.85
 """[1] Correlation of held-out speckle above which the nominal bench needs no such search. Evidence: none recorded."""
 _GAIN = 0.1  # [1] Of that correlation, below which nothing was found. Evidence: ten times what chance gives.

@@ -7,6 +7,7 @@ All displays of these studies are optimised by the loop of chains, so that they 
 from __future__ import annotations
 
 import tempfile
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -130,13 +131,13 @@ class _ChainStudy(HologramStudy):
     displays: tuple[str, ...]
     lasers: tuple[int, ...]
 
+    @abstractmethod
     def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
         """The display of a job. folder: for files that it needs until the job ends."""
-        raise NotImplementedError
 
+    @abstractmethod
     def claims(self, results: Results, lasers: int) -> list[Claim]:
         """What is said of the displays of so many lasers."""
-        raise NotImplementedError
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         with tempfile.TemporaryDirectory() as folder:
