@@ -585,9 +585,15 @@ def test_the_drawing_shows_and_changes_the_numbers_of_the_state(browser: Browser
     is_at(2e-3 + 0.09 * (high - low))
     assert page.evaluate("() => window.holoview.state.plane_m") == pytest.approx(10e-3)  # the key was the gap's
     page.keyboard.press("Enter")
-    page.keyboard.type("2500 um")
+    page.keyboard.type("3 m")
+    page.keyboard.press("Escape")  # drops what was typed
+    page.keyboard.press("Enter")
+    page.keyboard.type("2500")
+    set_state(page, exposure=1.0)  # an image that comes while one types
+    page.keyboard.type(" um")
     page.keyboard.press("Enter")
     is_at(2.5e-3)
+    set_state(page, exposure=0.0)
     assert text.text_content() == "2.5 mm"
     page.wait_for_function("() => location.hash.includes('gap=2.5mm')")
     _is_equal(page_pixels(page), written.first, written.first.system.with_(gap="2.5 mm"), 10e-3)

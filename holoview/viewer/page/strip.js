@@ -31,10 +31,13 @@ function connectStrip(viewer, change) {
         room.setAttribute("role", lengths[key] ? "slider" : "button")
         return { key, isFirst, room, labels, length: lengths[key] }
     })
+    const field = $("part-length")
     let chosen = null
+    const writeField = () => { field.value = SHORT_MM(chosen.length.of(viewer.state)) }
     const choose = part => {
         chosen = part
         parts.forEach(({ room }) => room.classList.toggle("chosen", room === part.room))
+        if (part.length) writeField()
         update()
     }
     const setLength = (length, value) => {
@@ -42,13 +45,17 @@ function connectStrip(viewer, change) {
         return change(length.changes(value)).then(update)
     }
     parts.forEach(part => connectPart(part, viewer, choose, setLength))
-    $("part-length").addEventListener("change", () => {
-        const value = lengthOf($("part-length").value)
-        if (value !== null) return setLength(chosen.length, value)
-        $("message").textContent = `${chosen.length.name}: expected ${LENGTH_EXAMPLE}.`
-        return update()
+    field.addEventListener("change", () => {
+        const value = lengthOf(field.value)
+        if (value === null) $("message").textContent = `${chosen.length.name}: expected ${LENGTH_EXAMPLE}.`
+        else setLength(chosen.length, value) // the state follows at once, or the message says why not; the image comes later
+        writeField()
     })
-    $("part-length").addEventListener("keydown", event => event.key === "Escape" && chosen.room.focus())
+    field.addEventListener("keydown", event => {
+        if (event.key !== "Escape") return
+        writeField() // what was typed is dropped, not set
+        chosen.room.focus()
+    })
     function update() {
         const { state } = viewer
         writeStrip(parts, state)
@@ -56,7 +63,7 @@ function connectStrip(viewer, change) {
         if (!chosen) return
         if (chosen.length) {
             $("part-name").textContent = chosen.length.name
-            $("part-length").value = SHORT_MM(chosen.length.of(state))
+            if (document.activeElement !== field) writeField() // an image that comes meanwhile leaves what is being typed
             $("part-note").textContent = `${chosen.length.range.map(SHORT_MM).join(" to ")}: type it, drag it in the drawing, or press ← and → there.`
         } else {
             const is = chosen.labels.map(label => label.textContent).join(", ")
@@ -111,6 +118,10 @@ function connectPart(part, viewer, choose, setLength) {
         event.stopPropagation() // of the keys of the whole page
         choose(part)
         if (sign) setLength(length, within(length.of(viewer.state) + (sign * share()) / 100))
-        else if (length) $("part-length").select()
+        else if (length) {
+            const field = $("part-length")
+            field.focus()
+            field.select()
+        }
     })
 }
