@@ -12,7 +12,7 @@ from benchmarks.plain_light import Beam
 from benchmarks.real_benches import Drawn, draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.diagnose.speckle_evidence import light_by_speckle
+from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.explored import explored
@@ -44,10 +44,10 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
         drawn.bench, beam=beam, wave=WAVE, wave_radius_px=RADIUS_PX, stroke_m=drawn.bench.stroke_m * STROKE
     )
     captures = _captures(replace(drawn, bench=spoilt), tmp_path)
-    found = light_by_speckle(captures, list(listed_effects()), no_progress)
-    assert found is not None and np.array_equal(found[0].images, captures.images)  # near fields as they are
-    light = found[1]
-    assert light.before < 0.6 and light.after > 0.95
+    window = window_for_light(captures, list(listed_effects()))
+    assert window is not None and np.array_equal(window.images, captures.images)  # near fields as they are
+    light = light_by_speckle(window, no_progress)
+    assert light is not None and light.before < 0.6 and light.after > 0.95
     assert HALF_PX / light.values["beam"]["size"] == pytest.approx(RADIUS_PX, rel=0.2)
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
 
@@ -55,4 +55,4 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
 def test_a_near_field_without_faults_needs_no_such_search(tmp_path: Path) -> None:
     """The nominal bench predicts the pictures."""
     captures = _captures(_nominal("near", 1), tmp_path)
-    assert light_by_speckle(captures, list(listed_effects()), no_progress) is None
+    assert window_for_light(captures, list(listed_effects())) is None

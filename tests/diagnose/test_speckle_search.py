@@ -10,7 +10,7 @@ import pytest
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.picture_import import PictureAndPattern, import_pictures
 from holoview.bench.diagnose.pipeline import diagnose
-from holoview.bench.diagnose.speckle_evidence import light_by_speckle
+from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
@@ -52,13 +52,14 @@ def test_pictures_that_another_pattern_made_have_no_such_light() -> None:
     levels = captures.levels.copy()
     levels[0, 0] = spread_pattern(77).astype(levels.dtype)
     wrong = Captures(**{name: getattr(captures, name) for name in captures.__dataclass_fields__} | {"levels": levels})
-    assert light_by_speckle(wrong, list(listed_effects()), no_progress) is None
+    window = window_for_light(wrong, list(listed_effects()))
+    assert window is not None and light_by_speckle(window, no_progress) is None
 
 
 def test_a_bench_that_is_right_needs_no_such_search() -> None:
     """Even light that fills the modulator, a full turn: the nominal bench's speckle stands."""
     bench = FarField(radius=1e3, coma=0.0, defocus=0.0, stroke=1.0)
-    assert light_by_speckle(_captures(bench, 40), list(listed_effects()), no_progress) is None
+    assert window_for_light(_captures(bench, 40), list(listed_effects())) is None
 
 
 def test_a_search_that_is_asked_to_end_says_so() -> None:

@@ -67,7 +67,13 @@ from holoview.bench.diagnose.search_context import (
     field_samples,
 )
 from holoview.bench.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_picture
-from holoview.bench.diagnose.speckle_evidence import FAR_CHI2, NEAR_CORRELATION, describe_light, light_by_speckle
+from holoview.bench.diagnose.speckle_evidence import (
+    FAR_CHI2,
+    NEAR_CORRELATION,
+    describe_light,
+    light_by_speckle,
+    window_for_light,
+)
 from holoview.bench.diagnose.speckle_search import FoundLight
 from holoview.bench.diagnose.worker_pool import WorkerPool
 from holoview.light.model.effects.effect import Effect
@@ -89,8 +95,8 @@ virtual rig (48 × 64 pixels, 24 captures)."""
 _SPECKLE_SHARE = 0.6
 """[1] Of the time, which the search by speckle may take. Evidence: a reason: the usual search needs the rest."""
 _USUAL_SHARE = 0.5
-"""[1] Of the time, which the search by derivatives may take where light that was found by speckle waits to be judged.
-Evidence: a reason: judging takes seconds."""
+"""[1] Of the time, which the search by derivatives may take where light may be sought by speckle behind it. Evidence: a
+reason: the other half is then sought and judged in."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
@@ -198,18 +204,39 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     said: list[str] = []
     captures = with_clipped_as_saturated(captures, said.append)
     records = check_records(captures, request.known)
-    by_speckle = None if request.known else _light_by_speckle(records.captures, request, said.append)
-    judge_light: Callable[[], Diagnosis] | None = None
-    if by_speckle:
-        window, light = by_speckle
-        of_window = replace(records, captures=window)
-        if records.captures.is_fourier:
-            diagnosis = _search(of_window, request, 1.0, light)
+    has_time = _Clock(request)
+    ids = [effect.id for effect in request.candidates]
+    window = None if request.known else window_for_light(records.captures, ids)
+    of_light = partial(_search_light, records, has_time=has_time, tell=said.append)
+    if window is not None and captures.is_fourier:  # whose faults are large at once, where derivatives mislead
+        diagnosis = of_light(window)
+        if diagnosis is not None:
             return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
-        # Near fields: single causes come first, of which light and camera may make a good imitation.
-        left = replace(request, time_s=(1 - _USUAL_SHARE) * request.time_s)
-        request = replace(request, time_s=_USUAL_SHARE * request.time_s)
-        judge_light = partial(_search, of_window, left, 1.0, light)
+    later = None if captures.is_fourier else window  # of near fields single causes come first
+    usual = has_time.left(1.0 if later is None else _USUAL_SHARE)
+    diagnosis, notes = _search_causes(captures, records, usual)
+    is_far = diagnosis.verdict in _OPEN and diagnosis.after.chi2_per_pixel > FAR_CHI2
+    if later is not None and is_far and not request.is_asked:
+        judged = of_light(later)
+        if judged is not None and judged.causes and judged.after.chi2_per_pixel < diagnosis.after.chi2_per_pixel:
+            diagnosis, notes = judged, ()
+    return replace(diagnosis, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
+
+
+class _Clock:
+    """What is left of the time of a diagnosis, whose parts come one after another."""
+
+    def __init__(self, request: _Request) -> None:
+        self._request, self._began = request, time.monotonic()
+
+    def left(self, share: float = 1.0) -> _Request:
+        """The request with a share of the time that is left."""
+        left_s = self._request.time_s - (time.monotonic() - self._began)
+        return replace(self._request, time_s=share * max(left_s, 0.0))
+
+
+def _search_causes(captures: Captures, records: CheckedRecords, request: _Request) -> tuple[Diagnosis, tuple[str, ...]]:
+    """The diagnosis by derivatives, of corrected records and where these are doubtful as recorded, with notes."""
     share = 0.5 if records.are_doubtful else 1.0
     request, _ = _with_chosen_sampling(records.captures, request)
     request = replace(request, uncertain={**uncertainties(records.captures), **request.uncertain})
@@ -219,19 +246,14 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
         as_recorded = _search(records.as_recorded(captures), request, share)
         diagnosis = better_explained(records, diagnosis, as_recorded)
-    is_far = diagnosis.verdict in _OPEN and diagnosis.after.chi2_per_pixel > FAR_CHI2
-    if judge_light is not None and is_far and not request.is_asked:
-        of_light = judge_light()
-        if of_light.causes and of_light.after.chi2_per_pixel < diagnosis.after.chi2_per_pixel:
-            diagnosis, notes = of_light, ()
-    return replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
+    return replace(diagnosis, known=request.known), notes
 
 
-def _light_by_speckle(
-    captures: Captures, request: _Request, tell: Callable[[str], None]
-) -> tuple[Captures, FoundLight] | None:
-    """The window and the light that `light_by_speckle` finds; None also where the caller or the time ends it."""
-    began = time.monotonic()
+def _search_light(
+    records: CheckedRecords, window: Captures, has_time: _Clock, tell: Callable[[str], None]
+) -> Diagnosis | None:
+    """The diagnosis in a window by the light that is found by speckle; None where none is, or the time ends before."""
+    request, began = has_time.left(), time.monotonic()
 
     def progress(done: int, total: int, what: str) -> None:
         request.progress(done, total, what)
@@ -239,10 +261,11 @@ def _light_by_speckle(
             raise SearchEnded
 
     try:
-        return light_by_speckle(captures, [effect.id for effect in request.candidates], progress)
+        light = light_by_speckle(window, progress)
     except SearchEnded:
         tell("The search by speckle was ended before it had found the light")
         return None
+    return None if light is None else _search(replace(records, captures=window), has_time.left(), 1.0, light)
 
 
 @dataclass(frozen=True)

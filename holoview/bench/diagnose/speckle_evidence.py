@@ -33,13 +33,11 @@ NEAR_CORRELATION = 0.9
 _CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
 
 
-def light_by_speckle(
-    captures: Captures, effects: Collection[str], progress: ProgressCallback
-) -> tuple[Captures, FoundLight] | None:
-    """The window of a few pictures in which causes can be judged, and the light that makes their speckle stand.
+def window_for_light(captures: Captures, effects: Collection[str]) -> Captures | None:
+    """The window of a few pictures in which light may be sought by speckle and causes judged.
 
-    effects: ids of the candidates. None where there are many pictures or the nominal bench is near, and where no light
-    makes the speckle stand: then a search by derivatives does better, or has to say so.
+    effects: ids of the candidates. None where there are many pictures or the nominal bench is near: then a search by
+    derivatives does better, or has to say so.
     """
     is_alike = len(np.unique(captures.distance_m)) == 1
     is_alike = is_alike and not (captures.is_fourier and len(captures.wavelengths_m) > 1)
@@ -48,10 +46,14 @@ def light_by_speckle(
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
-    if _nominal_chi2(data) < FAR_CHI2 or SpeckleSearch(data).held_out(None) > _STANDING:
-        return None
-    found = find_light(data, prepare_captures(window_of(window, _PART_PX)), progress)
-    return (window, found) if found.after > max(found.before + _GAIN, _LEAST) else None
+    is_near = _nominal_chi2(data) < FAR_CHI2 or SpeckleSearch(data).held_out(None) > _STANDING
+    return None if is_near else window
+
+
+def light_by_speckle(window: Captures, progress: ProgressCallback) -> FoundLight | None:
+    """The light that makes the speckle of a window stand; None where none does."""
+    found = find_light(prepare_captures(window), prepare_captures(window_of(window, _PART_PX)), progress)
+    return found if found.after > max(found.before + _GAIN, _LEAST) else None
 
 
 def describe_light(light: FoundLight) -> str:
