@@ -13,12 +13,14 @@ PITCH_M, CAMERA_PITCH_M, WAVELENGTH_M = 36e-6, 12e-6, 532e-9
 
 @dataclass(frozen=True)
 class FarField:
-    """The faults. radius: of the disc, pixels. coma, defocus: rad at its edge. axis: (y, x) of the zero order, px."""
+    """The faults. radius: of the disc, pixels. coma, defocus: rad at its edge. axis: (y, x) of the zero order, px.
+    unmodulated: amplitude of light beside the modulated one."""
 
     radius: float = 40.0
     coma: float = -2.0
     defocus: float = 0.8
     stroke: float = 0.6
+    unmodulated: complex = 0.0
     focal_length_m: float = 0.25
     axis: tuple[float, float] = (118.0, 163.0)
     shape: tuple[int, int] = (240, 320)
@@ -45,10 +47,10 @@ def photograph(pattern: NDArray[np.uint8], bench: FarField, seed: int) -> NDArra
     v, u = (np.arange(n) - (n - 1) / 2 for n in pattern.shape)
     y, x = v[:, None] / bench.radius, u / bench.radius
     square = y**2 + x**2
-    phase = (
-        2 * np.pi * bench.stroke * pattern / 255 + bench.coma * (3 * square - 2) * x + bench.defocus * (2 * square - 1)
-    )
-    light = np.exp(-(square**4)) * np.exp(1j * phase)
+    phase = bench.coma * (3 * square - 2) * x + bench.defocus * (2 * square - 1)
+    share = 1 - abs(bench.unmodulated)
+    modulated = share * np.exp(2j * np.pi * bench.stroke * pattern / 255) + bench.unmodulated
+    light = np.exp(-(square**4)) * np.exp(1j * phase) * modulated
     scale = WAVELENGTH_M * bench.focal_length_m / (PITCH_M * CAMERA_PITCH_M)  # camera pixels to a period
     ky, kx = ((np.arange(n) - at) / scale for n, at in zip(bench.shape, bench.axis, strict=True))
     waves = (

@@ -63,8 +63,8 @@ def veto_lost_detail(context: SearchContext, result: SearchResult, decision: Dec
 
 
 def veto_without_effect(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[Decision, list[str]]:
-    """The decision without causes that gain nothing on held-out pictures, though no other cause takes their place; with
-    notes. One cause stays."""
+    """The decision without causes that gain nothing on held-out pictures, though no other cause takes their place, or
+    only the others as the search has fitted them without it; with notes. One cause stays."""
     best, notes = decision.best, list[str]()
     if best is None:
         return decision, notes
@@ -72,7 +72,9 @@ def veto_without_effect(context: SearchContext, result: SearchResult, decision: 
     for name in reversed(best.causes):
         if len(best.causes) == 1:
             break
-        fewer = score_on_held_out(best.fit.without(name), result.comparison, result.tolerant_comparison)
+        unfitted = score_on_held_out(best.fit.without(name), result.comparison, result.tolerant_comparison)
+        refitted = [one for one in result.candidates if {*one.causes} == {*unfitted.causes}]
+        fewer = min([unfitted, *refitted], key=lambda score: score.chi2_per_pixel)
         if (fewer.chi2_per_pixel - best.chi2_per_pixel) * result.pixel_count < needed:
             notes.append(f"{name} is not named: without it the held-out pixels are predicted as well.")
             best = fewer

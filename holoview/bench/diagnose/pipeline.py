@@ -407,9 +407,8 @@ def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request
 
 def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
     """The causes that stand for the light that was found by speckle, judged by least squares."""
-    fit = CandidateFit(tuple(light.values), light.values, math.inf)
-    is_fourier, are_searched = prepared.whole.data.captures.is_fourier, light.after > NEAR_CORRELATION
-    initial = InitialCandidates((fit,), are_searched, over_field_only=True, has_fine=not is_fourier)
+    fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in light.alternatives())
+    initial = InitialCandidates(fits, light.after > NEAR_CORRELATION, over_field_only=True, has_fine=True)
     search = partial(search_once, prepared.whole, progress=progress, initial=initial)
     outcome = judge_captures(
         prepared.whole, search(prepared.whole.left_out), search, prepared.useless, prepared.count, progress

@@ -149,6 +149,15 @@ class FoundLight:
     after: float
     losses: dict[str, tuple[float, float]]
 
+    def alternatives(self) -> list[dict[str, dict[str, float]]]:
+        """The values, and those in which unmodulated light is there if it wasn't found and isn't if it was. Most of it
+        goes into the zero order, where no speckle tells it, and a stroke imitates the rest: brightness has to decide.
+        """
+        others = {name: own for name, own in self.values.items() if name != "undiffracted"}
+        if others == self.values:
+            others["undiffracted"] = {"share": 0.0, "quadrature": 0.0}
+        return [self.values, others]
+
 
 @dataclass(frozen=True)
 class Standing:

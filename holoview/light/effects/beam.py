@@ -63,7 +63,7 @@ class BeamProfile(Effect):
             "edge",
             "Exponent of the edge: 1 Gaussian, 8 nearly a disc.",
             low=0.7,
-            high=8.0,
+            high=30.0,
             prior=1.0,
             identity=1.0,
             modifies=("size",),
