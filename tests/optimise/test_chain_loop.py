@@ -13,6 +13,7 @@ import holoview as hv
 from holoview.holograms.optimise.chain_loop import ChainProblem
 from holoview.holograms.optimise.checkpoint import load_checkpoint
 from holoview.holograms.optimise.objective import make_objective
+from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.settings import LOSS_SPACES
 from holoview.holograms.view import random_drive
 from holoview.light.model.plan import make_plan
@@ -89,6 +90,84 @@ def test_the_derivative_is_that_of_the_loss(name: str, loss_name: str | None) ->
     assert along == pytest.approx(float(measured), rel=1e-7)
 
 
+# --- wavelengths ------------------------------------------------------------------------------------------------------
+
+_EVERYTHING = ("patterns", "amplitudes", "wavelengths")
+
+
+def _own_drives(system: System) -> dict[str, torch.Tensor]:
+    """Patterns in float64, away from the edges of their ranges."""
+    return {
+        name: torch.from_numpy(0.8 * drive.astype(complex if np.iscomplexobj(drive) else float))
+        for name, drive in random_drive(system, seed=2).items()
+    }
+
+
+def _wavelength_gradient(system: System, settings: hv.Settings) -> np.ndarray:
+    problem, drives = ChainProblem(system, _STACK, settings, double=True), _own_drives(system)
+    return problem.wavelength_gradient(drives, problem.evaluate(drives, system.amplitudes), system.amplitudes)
+
+
+@pytest.mark.parametrize("name", [*_CHAINS, "a lens of glass"])
+def test_the_derivative_by_wavelength_is_that_of_the_loss(name: str) -> None:
+    glass = ({"kind": "lens", "focal_length": 20 * MM, "abbe": 30.0}, *_CHAINS["phase and amplitude"])
+    system = _chain(*(_CHAINS | {"a lens of glass": glass})[name], frames=2)
+    system = system.edit({"wavelengths": [532.3 * NM, 580.4 * NM]})  # between the entries of the observer's table
+    settings = hv.Settings(eyebox=0.01, free=_EVERYTHING, wavelength_range_m=(520 * NM, 590 * NM))
+    found = _wavelength_gradient(system, settings)
+    problem, drives = ChainProblem(system, _STACK, settings, double=True), _own_drives(system)
+
+    def loss(steps: np.ndarray) -> float:
+        problem.set_wavelengths(system.wavelengths_m * (1 + steps))
+        return float(problem.loss(problem.evaluate(drives, system.amplitudes), system.amplitudes)[0])
+
+    h = 1e-5  # of order four: phases of some 10³ rad change by 1e-2, so that it is true to 1e-9; 1e-16/h of rounding
+    for number, λ in enumerate(system.wavelengths_m):
+        step = h * (np.arange(2) == number)
+        measured = (8 * (loss(step) - loss(-step)) - (loss(2 * step) - loss(-2 * step))) / (12 * h * λ)
+        # the difference of order two, of a step of 1e-6: (1e-3)²/6
+        assert found[number] == pytest.approx(measured, rel=1e-6, abs=1e-6 * np.abs(found).max())
+
+
+def test_the_derivative_by_wavelength_is_that_by_hand_of_the_short_form() -> None:
+    """Two modulators that all frames share are a chain; of one frame they are those of the short form."""
+    gap = {"kind": "space", "distance": 1 * MM, "square": "first order", "aberration": {"4": "50 nm"}}
+    last = {"kind": "space", "iris_na": 0.03, "apodisation_na": 0.05}
+
+    def bench(is_shared: bool) -> System:
+        first, second = (_pixels("phase", stroke=800 * NM, name=name, shared=is_shared) for name in "ab")
+        return _chain(first, gap, second, last)
+
+    settings, short = hv.Settings(eyebox=0.02, free=_EVERYTHING), bench(False)
+    assert bench(True).is_chain and not short.is_chain
+    drives = _own_drives(bench(True))
+    paths_m = 800 * NM * torch.stack([drives["a"], drives["b"]], dim=1)
+    request = EvaluationRequest(path_gradient=True, wavelength_gradient=True, eyebox_variation=True)
+    by_hand = Problem(short, _STACK, settings, double=True).evaluate(paths_m, short.amplitudes, request)
+    found = _wavelength_gradient(bench(True), settings)
+    # a difference of a step δ of 1e-6: phases of 10² rad, (1e-4)²/6 = 2e-9; rounding of the loss 1e-16/1e-6
+    np.testing.assert_allclose(found, by_hand.wavelength_gradient, rtol=2e-9)
+
+
+def test_wavelengths_move_inside_their_range_and_the_best_has_its_own() -> None:
+    system = _chain(*_CHAINS["phase and amplitude"])
+    low, high = 500 * NM, 584 * NM
+    settings = hv.Settings(iterations=12, free=_EVERYTHING, wavelength_range_m=(low, high))
+    *_, last = hv.iterate(system, _STACK, settings)
+    λ = last.best.system.wavelengths_m
+    assert low <= λ.min() and λ.max() <= high and (np.abs(λ - system.wavelengths_m) > 0.1 * NM).all()
+    view = hv.simulate(last.best, backend="torch64")
+    error = (np.clip(view.rgb, 0, 1) - np.clip(_STACK, 0, 1)) ** 2
+    assert last.best_psnr_db == pytest.approx(float(np.mean(-10 * np.log10(error.mean(axis=(1, 2, 3))))), abs=1e-3)
+
+
+def test_wavelengths_that_a_fourier_plane_cannot_hold_are_refused() -> None:
+    system = _chain(*_CHAINS["in a Fourier plane"])
+    settings = hv.Settings(free=_EVERYTHING, wavelength_range_m=(400 * NM, 800 * NM))
+    with pytest.raises(hv.UserError, match=r"wavelength range: .*focal_length"):
+        next(iter(hv.iterate(system, _STACK, settings)))
+
+
 def test_what_it_finds_is_what_a_simulation_shows() -> None:
     system = _chain(*_CHAINS["phase and amplitude"])
     states = list(hv.iterate(system, _STACK, hv.Settings(iterations=15)))
@@ -146,7 +225,7 @@ def test_amplitudes_stay_in_their_range_and_levels_are_shown() -> None:
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"free": ("patterns", "wavelengths")}, "free wavelengths"),
+        ({"pupil_places_m": ((0.0, 0.0),)}, "places of the pupil"),
         ({"drawn_planes": 1}, "some planes at a time"),
     ],
 )
@@ -155,9 +234,16 @@ def test_what_is_not_known_of_chains_is_refused(settings: dict[str, Any], words:
         next(iter(hv.iterate(_chain(_pixels("amplitude")), _STACK, hv.Settings(**settings))))
 
 
-@pytest.mark.parametrize("name", ["phase and amplitude", "complex, and a phase that all frames share"])
-def test_a_chain_goes_on_from_a_checkpoint_bit_for_bit(name: str, tmp_path: Path) -> None:
-    system, settings = _chain(*_CHAINS[name], frames=2), hv.Settings(iterations=7, free=("patterns", "amplitudes"))
+@pytest.mark.parametrize(
+    ("name", "free"),
+    [
+        ("phase and amplitude", ("patterns", "amplitudes")),
+        ("complex, and a phase that all frames share", ("patterns", "amplitudes")),
+        ("phase and amplitude", ("patterns", "amplitudes", "wavelengths")),
+    ],
+)
+def test_a_chain_goes_on_from_a_checkpoint_bit_for_bit(name: str, free: tuple[str, ...], tmp_path: Path) -> None:
+    system, settings = _chain(*_CHAINS[name], frames=2), hv.Settings(iterations=9, free=free)
     whole = []
     for state in hv.iterate(system, _STACK, settings):
         whole.append(state)
@@ -168,6 +254,8 @@ def test_a_chain_goes_on_from_a_checkpoint_bit_for_bit(name: str, tmp_path: Path
         (s.iteration, s.loss, s.best_psnr_db) for s in whole[3:]
     ]
     assert all(np.array_equal(found[-1].best.drive[key], drive) for key, drive in whole[-1].best.drive.items())
+    assert np.array_equal(found[-1].best.system.wavelengths_m, whole[-1].best.system.wavelengths_m)
+    assert np.array_equal(found[-1].best.system.wavelengths_m, system.wavelengths_m) == ("wavelengths" not in free)
 
 
 def test_a_checkpoint_of_another_chain_is_refused_with_the_difference(tmp_path: Path) -> None:

@@ -53,9 +53,9 @@ def test_amplitudes_that_are_not_free_are_not_asked_for(bench: Bench) -> None:
 
 def test_wavelengths_move_in_the_first_half_with_the_amplitudes_and_more_often_in_short_runs(bench: Bench) -> None:
     long, short = (_variables(bench(), free=EVERYTHING, iterations=n) for n in (200, 40))
-    assert long.wavelength_iterations == 100
+    assert long.wavelengths.iterations == 100
     assert _requested_in(long, "wavelength_gradient") == list(range(5, 100, 5))
-    assert short.wavelength_iterations == 20
+    assert short.wavelengths.iterations == 20
     assert _requested_in(short, "wavelength_gradient") == list(range(2, 20, 2))
 
 
@@ -141,7 +141,7 @@ def test_wavelengths_move_down_their_slope_by_the_settings_step(bench: Bench) ->
     variables = _variables(system, free=EVERYTHING, wavelength_step_m=2e-9, amplitudes_every=10)
     assert variables.step(_evaluation(system, wavelength_gradient=np.array([1.0, -1e5, 0.0])), 10)
     step_m = 2e-9 * np.sqrt(0.5)  # half way through the search
-    np.testing.assert_allclose(variables.wavelengths_m, [460e-9 - step_m, 532e-9 + step_m, 638e-9], rtol=1e-12)
+    np.testing.assert_allclose(variables.wavelengths.values_m, [460e-9 - step_m, 532e-9 + step_m, 638e-9], rtol=1e-12)
     assert not variables.step(_evaluation(system), 11)
 
 
@@ -151,17 +151,17 @@ def test_wavelengths_stay_in_range_and_apart(bench: Bench) -> None:
     variables = _variables(system, free=EVERYTHING, **places)
     for _ in range(30):
         variables.step(_evaluation(system, wavelength_gradient=np.array([-1.0, 1.0, -1.0])), 5)
-    low, middle, high = np.sort(variables.wavelengths_m)
+    low, middle, high = np.sort(variables.wavelengths.values_m)
     assert high == pytest.approx(640e-9, rel=1e-12)
     assert middle - low == pytest.approx(4e-9, rel=1e-6)
 
 
 def test_wavelengths_begin_inside_their_range_when_they_are_free(bench: Bench) -> None:
     narrow = {"wavelength_range_m": (450e-9, 600e-9)}
-    assert not _variables(bench(), **narrow).wavelengths_adjusted
+    assert not _variables(bench(), **narrow).wavelengths.adjusted
     free = _variables(bench(), free=EVERYTHING, **narrow)
-    assert free.wavelengths_adjusted
-    np.testing.assert_allclose(free.wavelengths_m, [460e-9, 532e-9, 600e-9], rtol=1e-12)
+    assert free.wavelengths.adjusted
+    np.testing.assert_allclose(free.wavelengths.values_m, [460e-9, 532e-9, 600e-9], rtol=1e-12)
     with pytest.raises(UserError, match="wavelength range"):
         _variables(bench(), free=EVERYTHING, wavelength_range_m=(500e-9, 501e-9))
 

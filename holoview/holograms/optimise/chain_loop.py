@@ -8,9 +8,11 @@ the share of the lasers' light in the picture, is told beside it, and so is the 
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -20,7 +22,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.optimise.adam import Adam, sqrt_decay
+from holoview.holograms.optimise.adam import Adam
+from holoview.holograms.optimise.agreement import AgreementPenalty
 from holoview.holograms.optimise.checkpoint import (
     CHAIN_TENSORS,
     Checkpoint,
@@ -29,15 +32,26 @@ from holoview.holograms.optimise.checkpoint import (
     target_digest,
 )
 from holoview.holograms.optimise.lasers import check_effects
-from holoview.holograms.optimise.objective import AmplitudeLeastSquares, Objective, make_objective
+from holoview.holograms.optimise.objective import (
+    AmplitudeLeastSquares,
+    Objective,
+    channels_of_wavelengths,
+    make_objective,
+)
+from holoview.holograms.optimise.problem import plan_for
 from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.wavelengths import (
+    FreeWavelengths,
+    channel_wavelength_derivatives,
+    check_wavelength_search,
+)
 from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.drives import chain_drives, complex_names
 from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Element, PhaseModulator
-from holoview.light.model.plan import make_plan
+from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
-from holoview.light.model.validity import check_plan
+from holoview.light.observers import drawn_people
 from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.light.optics.slm import eyebox_order
@@ -49,6 +63,10 @@ Floats = NDArray[np.float64]
 
 _AMPLITUDE_STEP = 0.1
 _SMOOTH_SHARE, _SMOOTH_PX = 0.02, 2.0  # of the range, r.m.s., and the width of the noise of a smooth start
+_RELATIVE_STEP = {
+    False: 1e-5,
+    True: 1e-6,
+}  # of the wavelength, in float32 and float64: phases of 10³ rad change by 1e-2
 _BYTES = 48  # a sample of a field in torch's graph: field, spectrum, their products and gradients
 
 
@@ -64,12 +82,11 @@ def iterate_chain(
 ) -> Iterator[IterationState]:
     """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
 
-    Raises UserError for what isn't known of chains: wavelengths that are free, places of the pupil; and as `iterate`
-    does.
+    Raises UserError for what isn't known of chains, such as places of the pupil, and as `iterate` does.
     """
     check_known(settings, stack)
     problem = ChainProblem(system, stack, settings, device)
-    patterns = ChainPatterns(system, settings, start)
+    patterns, lasers = ChainPatterns(system, settings, start), FreeWavelengths(system.wavelengths_m, settings)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
     make_best, digest = None, target_digest(stack)
     if resume is not None:
@@ -78,6 +95,11 @@ def iterate_chain(
         best, started = (resume.progress.best_loss, resume.progress.best_psnr_db), started - resume.progress.seconds
         patterns.load(resume.tensors)
         make_best = partial(_best_of, system, resume.tensors)
+        if "wavelengths" in settings.free:
+            stored, steps = resume.tensors, int(resume.tensors["wavelength_steps"][0])
+            lasers.load(stored["wavelengths"], stored["wavelength_moments"], steps)
+    if np.any(lasers.values_m != system.wavelengths_m):
+        problem.set_wavelengths(lasers.values_m)
     for iteration in range(done, settings.iterations + 1):
         is_last = iteration == settings.iterations
         shown = patterns.shown()
@@ -92,12 +114,18 @@ def iterate_chain(
         if value < best[0]:
             best = (value, psnr_db)
             kept = {name: drive.detach().clone() for name, drive in shown.items()}
-            make_best = _maker(system, kept, amplitudes.copy())
+            make_best = _maker(problem.plan.nominal, kept, amplitudes.copy())
+        slopes = problem.wavelength_gradient(shown, found, amplitudes) if lasers.are_due(iteration) else None
+        if iteration == lasers.iterations > 0:
+            patterns.forget()
         if not is_last and "patterns" in settings.free:
             gradients = torch.autograd.grad(loss, patterns.variables)
-            patterns.step(gradients, sqrt_decay(iteration, settings.iterations))
+            patterns.step(gradients, lasers.pattern_step_scale(iteration))
         assert make_best is not None
         eyebox, seconds = problem.eyebox_variation(found, amplitudes), time.perf_counter() - started
+        if slopes is not None:
+            lasers.step(slopes, iteration)
+            problem.set_wavelengths(lasers.values_m)
         progress = CheckpointProgress(iteration + 1, seconds, *best, eyebox)
         yield IterationState(
             iteration=iteration,
@@ -110,7 +138,9 @@ def iterate_chain(
             seconds=seconds,
             make_best=make_best,
             picture=partial(problem.objective.picture, image[len(image) // 2]),
-            checkpoint=partial(_checkpoint, system, settings, digest, progress, patterns, amplitudes, make_best),
+            checkpoint=partial(
+                _checkpoint, system, settings, digest, progress, patterns, lasers, amplitudes, make_best
+            ),
         )
 
 
@@ -120,14 +150,22 @@ def _checkpoint(
     digest: str,
     progress: CheckpointProgress,
     patterns: ChainPatterns,
+    lasers: FreeWavelengths,
     amplitudes: Floats,
     make_best: Callable[[], Hologram],
 ) -> Checkpoint:
     """Everything that is needed to go on, before the next state is asked for."""
     best = make_best()
     shown = {f"best_drive/{name}": _parts(drive) for name, drive in best.drive.items()}
-    lasers = {"amplitudes": amplitudes.copy(), "best_amplitudes": np.array(best.system.amplitudes)}
-    return Checkpoint(system, settings, digest, progress, {**patterns.tensors(), **shown, **lasers})
+    light = {
+        "amplitudes": amplitudes.copy(),
+        "best_amplitudes": np.array(best.system.amplitudes),
+        "wavelengths": lasers.values_m.copy(),
+        "best_wavelengths": np.array(best.system.wavelengths_m),
+        "wavelength_moments": lasers.moments(),
+        "wavelength_steps": np.array([float(lasers.adam.step_count)]),
+    }
+    return Checkpoint(system, settings, digest, progress, {**patterns.tensors(), **shown, **light})
 
 
 def _parts(drive: NDArray[Any]) -> NDArray[np.float32]:
@@ -147,21 +185,24 @@ def _best_of(system: System, tensors: Mapping[str, NDArray[np.floating]]) -> Hol
     complexes = complex_names(system)
     stored = {name: tensors[f"best_drive/{name}"] for name in system.drive_shapes}
     drives = {name: a[..., 0] + 1j * a[..., 1] if name in complexes else a for name, a in stored.items()}
-    return Hologram(drives, system.edit({"amplitudes": tensors["best_amplitudes"]}))
+    lasers = {"amplitudes": tensors["best_amplitudes"]}
+    if "best_wavelengths" in tensors:
+        lasers["wavelengths"] = tensors["best_wavelengths"]
+    return Hologram(drives, system.edit(lasers))
 
 
 def check_known(settings: Settings, stack: Any) -> None:
     """Raises UserError for settings and targets that chains don't have."""
     unknown = {
-        "free wavelengths": "wavelengths" in settings.free,
         "places of the pupil": bool(settings.pupil_places_m or settings.drawn_pupils),
-        "observers": bool(settings.observers),
         "some planes at a time": bool(settings.drawn_planes),
         "a complex target": not isinstance(stack, np.ndarray),
     }
     for what, is_wanted in unknown.items():
         if is_wanted:
-            raise UserError("optimisation", f"{what}, of a chain of elements", expected="patterns and amplitudes")
+            raise UserError(
+                "optimisation", f"{what}, of a chain of elements", expected="a single place, all planes, and a picture"
+            )
 
 
 class ChainProblem:
@@ -176,31 +217,84 @@ class ChainProblem:
         *,
         double: bool = False,
     ) -> None:
-        self.plan, self.settings = check_plan(make_plan(system)), settings
+        if "wavelengths" in settings.free:
+            _check_wavelength_range(system, settings)
+        self.plan, self.settings = plan_for(system, settings, ()), settings
         check_effects(self.plan, settings)
         samples = math.prod(self.plan.grid.padded) * len(self.plan.beams(range(len(system.wavelengths_m))))
         steps = len(self.plan.planes) + 2 * len(self.plan.way.steps)
         require_memory("optimisation", samples * steps * _BYTES, remedy="lower shape, upsample, frames or wavelengths")
         self.objective: Objective = make_objective(self.plan, stack, settings, device=device, double=double)
-        shapes = self.plan.nominal.drive_shapes  # of patterns that are shown later
-        inputs = FrameInputs(self.plan, {name: np.zeros(shape) for name, shape in shapes.items()})
-        self._executor = _Executor(self.plan, inputs, double=double, device=device)
+        self._make_executor = partial(_Executor, double=double, device=device)
+        self._executor = self._make_executor(self.plan, _dark_inputs(self.plan))
+        self._relative_step = _RELATIVE_STEP[double]
+        people = drawn_people(settings.observers) if settings.observers else []
+        self._agreement = AgreementPenalty(people, self.objective.loss) if people else None
         self._lasers = [(f, λ) for λ in range(len(system.wavelengths_m)) for f in self.plan.lit(λ)]
         self._share = 1.0 / (system.frames * len(self.plan.slopes))
 
+    def set_wavelengths(self, wavelengths_m: Floats) -> None:
+        """Changes to other wavelengths (wavelength,) on the same grid."""
+        self.plan = self._plan_at(wavelengths_m)
+        self._executor = self._make_executor(self.plan, _dark_inputs(self.plan))
+        self.objective.wavelength_channels = channels_of_wavelengths(
+            self.objective.loss, self.plan, self.objective.target
+        )
+
+    def _plan_at(self, wavelengths_m: Floats) -> Plan:
+        moved = self.plan.nominal.edit({"wavelengths": wavelengths_m})
+        return replace(make_plan(moved), grid=self.plan.grid)
+
+    def wavelength_gradient(self, drives: Mapping[str, Tensor], found: ChainLight, amplitudes: Floats) -> Floats:
+        """∂L/∂λ (wavelength,), 1/m, at fixed patterns and stops. found: the light at the present wavelengths.
+
+        Each laser's light depends on its own wavelength alone, so that one difference of the light at wavelengths a
+        little longer and a little shorter, all at once, gives the derivative of each, of whatever elements:
+
+            ∂L/∂λ_l = Σ ∂L/∂I_l·(I_l(λ + δ) − I_l(λ − δ))/2δ + ∂L/∂(colour of l)·∂(colour of l)/∂λ
+        """
+        λ = np.array(self.plan.system.wavelengths_m)
+        intensity, spectra = found.intensity.detach().requires_grad_(), found.spectra.detach().requires_grad_()
+        channels = self._channels().detach().requires_grad_()
+        loss, _ = self.loss(ChainLight(intensity, spectra), amplitudes, channels)
+        slopes = torch.autograd.grad(loss, (intensity, spectra, channels), allow_unused=True)
+        with torch.no_grad():
+            shown = {name: drive.detach() for name, drive in drives.items()}
+            longer, shorter = (
+                self._light_of(self._executor.held_at(self._plan_at(λ * (1 + sign * self._relative_step))), shown)
+                for sign in (1, -1)
+            )
+        colours = channel_wavelength_derivatives(self.objective.loss, λ, self.plan.system.observer)
+        out = np.zeros(len(λ))
+        for laser, (_, number) in enumerate(self._lasers):
+            step_m = 2 * self._relative_step * λ[number]
+            for slope, above, below in (
+                (slopes[0], longer.intensity, shorter.intensity),
+                (slopes[1], longer.spectra, shorter.spectra),
+            ):
+                if slope is not None:
+                    out[number] += float((slope[laser] * (above[laser] - below[laser])).double().sum()) / step_m
+            out[number] += float(slopes[2][laser].cpu().double().numpy() @ colours[number])
+        if self._agreement is not None:
+            out += self.settings.agreement * self._agreement.value_and_gradient(λ, amplitudes.mean(axis=0))[1]
+        return out
+
     def evaluate(self, drives: Mapping[str, Tensor], amplitudes: Floats) -> ChainLight:
         """The light of all lasers at unit amplitude for patterns by name, with torch's graph."""
-        transmissions = self._executor.inputs.sampled_transmissions
+        return self._light_of(self._executor, drives)
+
+    def _light_of(self, executor: _Executor, drives: Mapping[str, Tensor]) -> ChainLight:
+        transmissions = executor.inputs.sampled_transmissions
         assert isinstance(transmissions, ChainTransmissions)
         transmissions.show(dict(drives))
         intensity, spectra, last = [], [], self.plan.way.last
         for frame, wavelength in self._lasers:
             planes, powers = [], []
             for source in range(len(self.plan.slopes)):
-                spectrum = spectrum_behind_modulators(self._executor, wavelength, frame, source)
-                powers.append(_power(spectrum.values * self._executor.stops(wavelength).abs()))
+                spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
+                powers.append(_power(spectrum.values * executor.stops(wavelength).abs()))
                 seen = [
-                    self._executor.field(self._executor.transmit(spectrum, last, wavelength, plane), last)
+                    executor.field(executor.transmit(spectrum, last, wavelength, plane), last)
                     for plane in range(len(self.plan.planes))
                 ]
                 planes.append(torch.stack([_power(field.values) for field in seen]))
@@ -208,9 +302,11 @@ class ChainProblem:
             spectra.append(self._share * torch.stack(powers).sum(dim=0))
         return ChainLight(torch.stack(intensity), torch.stack(spectra))
 
-    def loss(self, found: ChainLight, amplitudes: Floats) -> tuple[Tensor, Tensor]:
-        """The loss, and the image (plane, channel, y, x)."""
-        image = self._image(found.intensity, amplitudes)
+    def loss(self, found: ChainLight, amplitudes: Floats, channels: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """The loss, and the image (plane, channel, y, x). channels (laser, channel): of the lasers."""
+        weights = torch.as_tensor(self._weights(amplitudes)).to(found.intensity)
+        colours = weights[:, None] * (self._channels() if channels is None else channels)
+        image = torch.einsum("lpyx,lc->pcyx", found.intensity, colours)
         loss = self.objective.loss_of(image)
         if self.settings.eyebox:
             loss = loss + self.settings.eyebox * self._variations(found.spectra, amplitudes).square().mean()
@@ -242,10 +338,6 @@ class ChainProblem:
         weights = torch.as_tensor(self._weights(amplitudes)).to(found.spectra)
         weights = weights * torch.stack([luminance[λ] for _, λ in self._lasers])
         return float(_variation(self._blocks(torch.tensordot(weights, found.spectra.detach(), dims=1))))
-
-    def _image(self, intensity: Tensor, amplitudes: Floats) -> Tensor:
-        weights = torch.as_tensor(self._weights(amplitudes)).to(intensity)
-        return torch.einsum("lpyx,lc->pcyx", intensity, weights[:, None] * self._channels())
 
     def _channels(self) -> Tensor:
         """Channels (laser, channel) of unit intensity of each laser that shines in a frame."""
@@ -289,13 +381,31 @@ class ChainLight:
 class _Executor(TorchExecutor):
     """Keeps the transfer functions and stops of all wavelengths."""
 
+    _stops_of: Plan | None = None
+
+    def held_at(self, plan: Plan) -> _Executor:
+        """The executor of a plan of other wavelengths, whose stops pass the frequencies that these pass."""
+        moved = copy.copy(self)
+        moved.plan, moved.inputs, moved._stops_of = plan, _dark_inputs(plan), self.plan
+        moved._modulators, moved._all_kept = moved.inputs, {}
+        return moved
+
     def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
         """As there."""
         return self._kept(self.derived_transfer, relay, wavelength, plane)
 
+    def derived_transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
+        """As there."""
+        found, held = (plan.transfer(relay, wavelength, plane) for plan in (self.plan, self._stops_of or self.plan))
+        return self._response(replace(found, support=held.support), relay, wavelength)
+
     def stops(self, wavelength: int, relay: int | None = None) -> Tensor:
         """As there."""
-        return self._kept(super().stops, wavelength, relay)
+        return self._kept(self._derived_stops, wavelength, self.plan.way.last if relay is None else relay)
+
+    def _derived_stops(self, wavelength: int, relay: int) -> Tensor:
+        found, held = (plan.stops(relay, wavelength) for plan in (self.plan, self._stops_of or self.plan))
+        return self._response(replace(found, support=held.support), relay, wavelength)
 
     def _kept(self, derive: Any, *arguments: Any) -> Tensor:
         kept: dict[Any, Tensor] = self.__dict__.setdefault("_all_kept", {})
@@ -303,6 +413,23 @@ class _Executor(TorchExecutor):
         if key not in kept:
             kept[key] = derive(*arguments)
         return kept[key]
+
+
+def _dark_inputs(plan: Plan) -> FrameInputs:
+    """Inputs of dark patterns, in whose place others are shown."""
+    return FrameInputs(plan, {name: np.zeros(shape) for name, shape in plan.nominal.drive_shapes.items()})
+
+
+def _check_wavelength_range(system: System, settings: Settings) -> None:
+    """Raises UserError for a range of wavelengths where the observer has no data, or that lenses can't take."""
+    check_wavelength_search(system.observer, settings)
+    for index, end_m in zip((np.argmin, np.argmax), settings.wavelength_range_m, strict=True):
+        moved = np.array(system.wavelengths_m)
+        moved[index(moved)] = end_m
+        try:
+            make_plan(system.edit({"wavelengths": moved}))
+        except UserError as error:
+            raise error.inside("wavelength range: ") from error
 
 
 def _power(values: Tensor) -> Tensor:
@@ -360,6 +487,11 @@ class ChainPatterns:
             for what, tensor in zip(CHAIN_TENSORS, own, strict=False):
                 out[f"{what}/{name}"] = tensor.numpy().copy()
         return out | {"steps": np.array([float(next(iter(self._adams.values())).step_count)])}
+
+    def forget(self) -> None:
+        """Begins Adam's moments anew."""
+        for adam in self._adams.values():
+            adam.reset()
 
     def load(self, tensors: Mapping[str, NDArray[np.floating]]) -> None:
         """Takes what `tensors` gave."""

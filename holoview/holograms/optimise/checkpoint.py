@@ -10,7 +10,8 @@ amplitude_moments                float64 (2, frame, wavelength), of Adam
 wavelength_moments               float64 (2, wavelength)
 steps                            float64 (3,): Adam's number of steps of patterns, amplitudes and wavelengths
 drive/NAME first/NAME …          of a chain in place of these, for each element: float32 (frame, y, x), of a complex one
-                                 (frame, y, x, part); with amplitudes and best_amplitudes; steps: float64 (1,)
+                                 (frame, y, x, part); with amplitudes and best_amplitudes; steps: float64 (1,). With
+                                 free wavelengths also the three of wavelengths, and wavelength_steps: float64 (1,)
 metadata                         format, version, system (TOML), settings and progress (JSON), digest of the target
 """
 
@@ -22,7 +23,7 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -113,8 +114,8 @@ CHAIN_TENSORS = ("drive", "first", "second", "best_drive")
 """Of each element of a chain, by what stands before its name."""
 
 
-def _format_for(system: System | None) -> TensorFormat:
-    """The format of a checkpoint, which of a chain has tensors for each element."""
+def _format_for(system: System | None, free: Sequence[str]) -> TensorFormat:
+    """The format of a checkpoint, which of a chain has tensors for each element. free: as of `Settings`."""
     if system is None or not system.is_chain:
         return _FORMAT
     own = (
@@ -122,8 +123,13 @@ def _format_for(system: System | None) -> TensorFormat:
         for name in system.drive_shapes
         for what in CHAIN_TENSORS
     )
-    lasers = (schema for schema in VARIABLE_TENSORS if schema.name in ("amplitudes", "best_amplitudes"))
-    return replace(_FORMAT, tensors=(*own, *lasers, ArraySchema("steps", _F64, (1,), low=0.0, high=1e9)))
+    names, steps = {"amplitudes", "best_amplitudes"}, ["steps"]
+    if "wavelengths" in free:
+        names |= {"wavelengths", "best_wavelengths", "wavelength_moments"}
+        steps.append("wavelength_steps")
+    lasers = (schema for schema in VARIABLE_TENSORS if schema.name in names)
+    counts = (ArraySchema(name, _F64, (1,), low=0.0, high=1e9) for name in steps)
+    return replace(_FORMAT, tensors=(*own, *lasers, *counts))
 
 
 @dataclass(frozen=True)
@@ -166,7 +172,7 @@ class Checkpoint:
             "progress": json.dumps(dataclasses.asdict(self.progress)),
             "target": self.target,
         }
-        _format_for(self.system).write(path, self.tensors, texts)
+        _format_for(self.system, self.settings.free).write(path, self.tensors, texts)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """Raises UserError that names the difference, unless the checkpoint is of this system, settings and target.
@@ -183,9 +189,10 @@ class Checkpoint:
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Reads a checkpoint. Raises UserError when the file is missing, damaged, or something else."""
     told = system_with_elements(path)
-    with _format_for(told).open(path) as file:
-        system = told or preset.loads(file.texts["system"], f"{path}: system")
+    with _format_for(told, ()).open(path) as file:
         settings = read_record(Settings, file.texts["settings"], f"{path}: settings", _FORMAT.what)
+    with _format_for(told, settings.free).open(path) as file:
+        system = told or preset.loads(file.texts["system"], f"{path}: system")
         progress = read_record(CheckpointProgress, file.texts["progress"], f"{path}: progress", _FORMAT.what)
         sizes = chain_sizes(system) if system.is_chain else drive_sizes(system)
         return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(sizes))

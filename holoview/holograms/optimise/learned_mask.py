@@ -95,6 +95,8 @@ def learn_mask(
     check_learnable(system, name)
     if not stacks:
         raise UserError("pictures", "none", expected="one at least")
+    if "wavelengths" in settings.free:
+        raise UserError("free", "wavelengths, of a mask that many pictures share", expected="patterns and amplitudes")
     check_known(settings, stacks[0])
     problem = ChainProblem(system, stacks[0], settings, device)
     own = [other for other in system.drive_shapes if other != name]

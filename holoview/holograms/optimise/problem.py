@@ -142,7 +142,7 @@ class Problem:
             check_suits(system, settings, group.size)
         free_wavelengths = "wavelengths" in settings.free
         self._places_m = settings.pupil_places_m if places_m is None else places_m
-        plan = _plan_for(system, settings, self._places_m)
+        plan = plan_for(system, settings, self._places_m)
         check_effects(plan, settings)
         if device == "cpu":
             require_optimisation_memory(system, free_wavelengths=free_wavelengths)
@@ -449,7 +449,7 @@ class Problem:
         return table
 
 
-def _plan_for(system: System, settings: Settings, places_m: Places) -> Plan:
+def plan_for(system: System, settings: Settings, places_m: Places) -> Plan:
     """The plan; where wavelengths are free, on a grid padded for the walk-off of the longest one allowed."""
     plan = check_plan(make_plan(system, places_m=places_m))
     if "wavelengths" not in settings.free:

@@ -176,8 +176,8 @@ class Optimiser:
             self._tell(f"compiling for this processor, once, beside the first {self._beside} iterations")
         if resume is not None:
             self._resume(resume)
-        elif self.variables.wavelengths_adjusted:
-            self.problem.set_wavelengths(self.variables.wavelengths_m)
+        elif self.variables.wavelengths.adjusted:
+            self.problem.set_wavelengths(self.variables.wavelengths.values_m)
 
     def best(self) -> Hologram:
         """The hologram of the smallest loss so far."""
@@ -220,7 +220,7 @@ class Optimiser:
                     best, self._make_best = (evaluation.loss, evaluation.psnr_db), self._maker_of(shown)
                 assert self._make_best is not None  # the first iteration takes all planes
                 if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
-                    self.problem.set_wavelengths(self.variables.wavelengths_m)
+                    self.problem.set_wavelengths(self.variables.wavelengths.values_m)
             eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
             self.progress = CheckpointProgress(iteration + 1, time.perf_counter() - started, *best, eyebox, by_torch)
             yield IterationState(
@@ -262,7 +262,7 @@ class Optimiser:
         if iteration < self.settings.iterations:
             taken = None
             if self._graphed is not None:
-                scale = variables.pattern_step_scale(iteration)
+                scale = variables.wavelengths.pattern_step_scale(iteration)
                 taken = self._graphed.take(shown, variables.amplitudes, request, scale)
             return taken or self.problem.evaluate(path_m, variables.amplitudes, request)
         return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
@@ -294,7 +294,7 @@ class Optimiser:
 
     def _maker_of(self, shown: torch.Tensor) -> Callable[[], Hologram]:
         """Makes the hologram of present patterns when it is asked for, since few are; the same one each time."""
-        changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}
+        changes = {"wavelengths": self.variables.wavelengths.values_m, "amplitudes": self.variables.amplitudes}
         return cache(lambda: Hologram(shown.cpu().numpy().copy(), self.system.edit(changes)))
 
     def _checkpoint(self) -> Checkpoint:
@@ -315,7 +315,7 @@ class Optimiser:
         hologram = Hologram(tensors["best_drive"].astype(np.float32), self.system.edit(changes))
         self._make_best = lambda: hologram
         self.progress = resume.progress
-        self.problem.set_wavelengths(self.variables.wavelengths_m)
+        self.problem.set_wavelengths(self.variables.wavelengths.values_m)
 
 
 @lru_cache(maxsize=2)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.optimise.adam import Adam, sqrt_decay
+from holoview.holograms.optimise.adam import Adam
 from holoview.holograms.optimise.lasers import next_amplitudes
 from holoview.holograms.optimise.level_gradients import curvature_weight, steps_to_neighbour_level
 from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.holograms.optimise.settings import Settings, find_loss_space
-from holoview.holograms.optimise.wavelengths import project_wavelengths
+from holoview.holograms.optimise.wavelengths import FreeWavelengths
 from holoview.light.model.system import System
 from holoview.light.optics.slm import nearest_level
 
@@ -24,47 +24,32 @@ Tensor = torch.Tensor
 Floats = NDArray[np.float64]
 
 _LOG_AMPLITUDE_STEP = 0.02  # Adam's step of the amplitudes' logarithm, for a loss that isn't quadratic in them
-_MIN_WAVELENGTH_STEPS = 8  # in a run; short ones take a step more often than they solve for amplitudes
 _MIN_RELATIVE_AMPLITUDE = 1e-6  # of the brightest laser: the logarithm of 0 couldn't move
 _SMOOTH_SIGMA_PX = 8.0  # standard deviation of the Gaussian filter of smooth initial patterns
 _SMOOTH_RMS_RAD = 0.5  # their r.m.s. phase
 
 
 class OptimisationVariables:
-    """Patterns, amplitudes (frame, wavelength) and wavelengths (wavelength,) m, each with Adam's moments.
-
-    wavelengths_adjusted: whether the wavelengths were projected onto the allowed ones at the start.
-    """
+    """Patterns, amplitudes (frame, wavelength) and wavelengths (wavelength,) m, each with Adam's moments."""
 
     def __init__(self, system: System, settings: Settings, drive: torch.Tensor) -> None:
         self.settings = settings
         self.patterns = PatternVariables(system, settings, drive)
         self.amplitudes, self._are_on = np.array(system.amplitudes), system.amplitudes > 0
-        self.wavelengths_m = np.array(system.wavelengths_m)
+        self.wavelengths = FreeWavelengths(system.wavelengths_m, settings)
         self._is_nonlinear_loss = find_loss_space(settings.loss_for(system.observer)).is_encoded
         self._amplitude_adam = Adam(torch.from_numpy(self.amplitudes), settings.betas)
-        self._wavelength_adam = Adam(torch.from_numpy(self.wavelengths_m), settings.betas)
-        if "wavelengths" in settings.free:
-            self.wavelengths_m = project_wavelengths(self.wavelengths_m, settings)
-        self.wavelengths_adjusted = bool(np.any(self.wavelengths_m != system.wavelengths_m))
-
-    @property
-    def wavelength_iterations(self) -> int:
-        """Iterations in which wavelengths move: the first half. Patterns begin the second half with full steps."""
-        return self.settings.iterations // 2 if "wavelengths" in self.settings.free else 0
 
     def begin_again(self, settings: Settings, hologram: Hologram) -> None:
         """Begins a run with other settings of iterations and step from a hologram of the same bench."""
-        self.settings = settings
+        self.settings = self.wavelengths.settings = settings
         self.amplitudes = next_amplitudes(hologram.system.amplitudes, self._are_on)
         self._amplitude_adam.reset()
         self.patterns.begin_again(settings, torch.from_numpy(hologram.drive))
 
     def evaluation_request(self, iteration: int) -> EvaluationRequest:
         """The quantities that the evaluation of an iteration has to compute."""
-        every, wavelength_iterations = self.settings.amplitudes_every, self.wavelength_iterations
-        amplitudes_due = iteration % every == 0
-        wavelengths_due = iteration % max(1, min(every, wavelength_iterations // _MIN_WAVELENGTH_STEPS)) == 0
+        amplitudes_due = iteration % self.settings.amplitudes_every == 0
         is_last = iteration == self.settings.iterations
         free_amplitudes = "amplitudes" in self.settings.free
         solvable = free_amplitudes and (not self._is_nonlinear_loss or iteration == 0)
@@ -73,7 +58,7 @@ class OptimisationVariables:
             optimal_amplitudes=solvable and (amplitudes_due or is_last),
             eyebox_variation=amplitudes_due or is_last,
             amplitude_gradient=free_amplitudes and self._is_nonlinear_loss,
-            wavelength_gradient=wavelengths_due and 0 < iteration < wavelength_iterations,
+            wavelength_gradient=self.wavelengths.are_due(iteration),
             level_step_m=self.patterns.level_step_m(),
             curvature_weight=curvature_weight(iteration / self.settings.iterations),
         )
@@ -85,26 +70,26 @@ class OptimisationVariables:
             self.amplitudes = evaluation.optimal_amplitudes
         elif "amplitudes" in free and self._is_nonlinear_loss and amplitude_gradient is not None:
             self._step_amplitudes(amplitude_gradient)
-        if iteration == self.wavelength_iterations > 0:
+        if iteration == self.wavelengths.iterations > 0:
             self.patterns.adam.reset()
         if "patterns" in free and evaluation.path_gradient is not None:
-            self.patterns.step(evaluation.path_gradient, self.pattern_step_scale(iteration))
+            self.patterns.step(evaluation.path_gradient, self.wavelengths.pattern_step_scale(iteration))
         if evaluation.wavelength_gradient is None:
             return False
-        self._step_wavelengths(evaluation.wavelength_gradient, sqrt_decay(iteration, self.wavelength_iterations))
+        self.wavelengths.step(evaluation.wavelength_gradient, iteration)
         return True
 
     def state_dict(self) -> dict[str, NDArray[np.floating]]:
         """Copies of everything that the next step depends on."""
-        adam, amplitude, wavelength = self.patterns.adam, self._amplitude_adam, self._wavelength_adam
+        adam, amplitude, wavelength = self.patterns.adam, self._amplitude_adam, self.wavelengths.adam
         return {
             "drive": self.patterns.drive.cpu().numpy().copy(),
             "first": adam.first_moment.cpu().numpy().copy(),
             "second": adam.second_moment.cpu().numpy().copy(),
             "amplitudes": self.amplitudes.copy(),
             "amplitude_moments": torch.stack([amplitude.first_moment, amplitude.second_moment]).numpy(),
-            "wavelengths": self.wavelengths_m.copy(),
-            "wavelength_moments": torch.stack([wavelength.first_moment, wavelength.second_moment]).numpy(),
+            "wavelengths": self.wavelengths.values_m.copy(),
+            "wavelength_moments": self.wavelengths.moments(),
             "steps": np.array([adam.step_count, amplitude.step_count, wavelength.step_count], dtype=np.float64),
         }
 
@@ -115,19 +100,10 @@ class OptimisationVariables:
             torch.from_numpy(state[name].copy()).to(device) for name in ("drive", "first", "second")
         )
         self.amplitudes = state["amplitudes"].astype(np.float64)
-        self.wavelengths_m = state["wavelengths"].astype(np.float64)
-        for moments, name in ((self._amplitude_adam, "amplitude"), (self._wavelength_adam, "wavelength")):
-            moments.first_moment, moments.second_moment = torch.from_numpy(state[f"{name}_moments"].copy())
-        adam.step_count, self._amplitude_adam.step_count, self._wavelength_adam.step_count = (
-            int(n) for n in state["steps"]
-        )
-
-    def pattern_step_scale(self, iteration: int) -> float:
-        """The patterns' step over the first one: it falls to zero, twice where wavelengths move in the first half."""
-        first_half, total = self.wavelength_iterations, self.settings.iterations
-        if iteration < first_half:
-            return sqrt_decay(iteration, first_half)
-        return sqrt_decay(iteration - first_half, total - first_half)
+        amplitude = self._amplitude_adam
+        amplitude.first_moment, amplitude.second_moment = torch.from_numpy(state["amplitude_moments"].copy())
+        adam.step_count, amplitude.step_count, wavelength_steps = (int(n) for n in state["steps"])
+        self.wavelengths.load(state["wavelengths"], state["wavelength_moments"], wavelength_steps)
 
     def _step_amplitudes(self, gradient: Floats) -> None:
         """A step of the amplitudes' logarithms, whose gradient is a·∂L/∂a; lasers that are off stay off."""
@@ -135,11 +111,6 @@ class OptimisationVariables:
         self.amplitudes = np.where(self.amplitudes > 0, np.maximum(self.amplitudes, least), 0.0)
         step = self._amplitude_adam.unit_step(torch.from_numpy(gradient * self.amplitudes)).numpy()
         self.amplitudes = self.amplitudes * np.exp(-_LOG_AMPLITUDE_STEP * step)
-
-    def _step_wavelengths(self, gradient: Floats, scale: float) -> None:
-        step = self._wavelength_adam.unit_step(torch.from_numpy(gradient)).numpy()
-        moved_m = self.wavelengths_m - scale * self.settings.wavelength_step_m * step
-        self.wavelengths_m = project_wavelengths(moved_m, self.settings)
 
 
 # --- patterns --------------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
+from holoview.holograms.optimise.adam import Adam, sqrt_decay
 from holoview.holograms.optimise.beams import TransferFunctions
 from holoview.holograms.optimise.settings import LossSpace, Settings
 from holoview.light.colour import observer_weight_derivatives, observer_weights
@@ -34,6 +35,56 @@ from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
+
+_MIN_STEPS = 8  # in a run; short ones take a step more often than they solve for amplitudes
+
+
+class FreeWavelengths:
+    """Wavelengths (wavelength,), m, that move in the first half of a run where they are free, and else stay.
+
+    adjusted: whether they were projected onto the allowed ones at the start.
+    """
+
+    def __init__(self, wavelengths_m: Floats, settings: Settings) -> None:
+        self.settings, self.values_m = settings, np.array(wavelengths_m)
+        self.adam = Adam(torch.from_numpy(self.values_m.copy()), settings.betas)
+        if "wavelengths" in settings.free:
+            self.values_m = project_wavelengths(self.values_m, settings)
+        self.adjusted = bool(np.any(self.values_m != wavelengths_m))
+
+    @property
+    def iterations(self) -> int:
+        """Iterations in which wavelengths move: the first half. Patterns begin the second half with full steps."""
+        return self.settings.iterations // 2 if "wavelengths" in self.settings.free else 0
+
+    def are_due(self, iteration: int) -> bool:
+        """Whether they take a step in an iteration."""
+        every = max(1, min(self.settings.amplitudes_every, self.iterations // _MIN_STEPS))
+        return iteration % every == 0 and 0 < iteration < self.iterations
+
+    def step(self, gradient: Floats, iteration: int) -> None:
+        """A step of Adam against ∂L/∂λ (wavelength,), inside the range and apart."""
+        step = self.adam.unit_step(torch.from_numpy(gradient)).numpy()
+        scale = sqrt_decay(iteration, self.iterations)
+        self.values_m = project_wavelengths(
+            self.values_m - scale * self.settings.wavelength_step_m * step, self.settings
+        )
+
+    def pattern_step_scale(self, iteration: int) -> float:
+        """The patterns' step over the first one: it falls to zero, twice where wavelengths move in the first half."""
+        first_half, total = self.iterations, self.settings.iterations
+        if iteration < first_half:
+            return sqrt_decay(iteration, first_half)
+        return sqrt_decay(iteration - first_half, total - first_half)
+
+    def moments(self) -> NDArray[np.floating]:
+        """Adam's two moments (2, wavelength)."""
+        return torch.stack([self.adam.first_moment, self.adam.second_moment]).numpy()
+
+    def load(self, values_m: NDArray[np.floating], moments: NDArray[np.floating], steps: int) -> None:
+        """Takes the wavelengths, moments and Adam's number of steps of a checkpoint."""
+        self.values_m, self.adam.step_count = values_m.astype(np.float64), steps
+        self.adam.first_moment, self.adam.second_moment = torch.from_numpy(moments.copy())
 
 
 def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
