@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.holograms.optimise.named_methods import iterate_named
 from holoview.holograms.optimise.problem import Problem
 from holoview.holograms.optimise.solve import follow
 from holoview.light.engine.incremental import IncrementalRenderer
@@ -39,7 +38,6 @@ REFUSING: dict[str, Callable[[], Any]] = {
     "an optimisation in the window": lambda: start_quick_optimisation(EditingSession(_chain())),
     "a film": lambda: list(follow(_chain(), [_STACK], _SETTINGS)),
     "the optimiser's problem": lambda: Problem(_chain(), _STACK, _SETTINGS),
-    "a named method": lambda: list(iterate_named("double-phase", _chain(), _STACK, _SETTINGS)),
     "the light budget": lambda: light_budget(hv.make_plan(_chain()), _hologram().drive),
     "the shape of one drive": lambda: _chain().drive_shape,
     "a modulator": lambda: _chain().modulators[-1],

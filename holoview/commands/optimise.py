@@ -276,6 +276,13 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         default=METHODS[0],
         help="adam: the optimiser's own; double-phase (a closed form) and gerchberg-saxton, to compare with",
     )
+    group.add_argument(
+        "--modulator",
+        metavar="NAME",
+        default="",
+        help="which one double-phase or gerchberg-saxton drives, by its name in `holoview info`; the first if absent. "
+        "The others stay as --start has them, or flat",
+    )
     step = f"; {CAMERA_STEP_RAD} with the camera"
     notes = {"iterations": f"; {FIRST_ITERATIONS} of a film's first picture", "step": step}
     add_fields(group, Settings, "iterations", "step", "seed", "begin", notes=notes)
@@ -395,6 +402,7 @@ def _run_options(args: argparse.Namespace) -> RunOptions:
     device = resolve_torch_device(args.device)
     return RunOptions(
         method=args.method,
+        modulator=args.modulator,
         grid=args.grid,
         device=device_for_rank(device) if args.sharded else device,
         sharded=args.sharded,

@@ -14,6 +14,8 @@ import pytest
 import torch
 from scipy.special import jv
 
+import holoview as hv
+from holoview.holograms.optimise.driven_element import ElementLight, make_driven, transmission_of
 from holoview.holograms.optimise.hologram_job import RunOptions, optimise_hologram
 from holoview.holograms.optimise.named_methods import (
     AlternatingProjections,
@@ -147,29 +149,36 @@ def test_each_frame_with_light_has_the_wavelength_that_looks_brightest(bench: Be
 def test_the_amplitude_error_never_rises(changes: dict[str, Any], bench: Bench, noise: Noise) -> None:
     """Fienup 1982, section III. Errors are those of fields in float32, which lose some 1e-6 of their norm."""
     system = bench(**changes)
-    projections = AlternatingProjections(Problem(system, _stack(system), Settings()))
-    drive = projections.start(noise(0, *system.drive_shape).float())
-    errors = []
-    for _ in range(8):
-        drive = projections.step(drive)
-        errors.append(projections.error)
+    errors = _errors(system, noise(0, *system.drive_shape).float().numpy())
     assert all(after <= before * (1 + 1e-5) for before, after in pairwise(errors))
     assert system.modulators[0].levels is not None or errors[-1] < errors[0]
+
+
+def _errors(system: System, start: Any, name: str = "", steps: int = 8) -> list[float]:
+    """The errors of some steps in which a modulator is driven."""
+    driven = make_driven(system, _stack(system), Settings(), start, "cpu", name)
+    projections, errors = AlternatingProjections(driven), []
+    drive = projections.start(driven.start)
+    for _ in range(steps):
+        drive = projections.step(drive)
+        errors.append(projections.error)
+    return errors
 
 
 def test_where_propagation_is_unitary_a_step_is_gerchberg_and_saxtons(bench: Bench, noise: Noise) -> None:
     """One step by hand: FFT, the target's amplitude, FFT back, nearest of 256 levels."""
     system = bench(**UNITARY)
     stack = _stack(system)
-    projections = AlternatingProjections(problem := Problem(system, stack, Settings()))
-    start = projections.start(noise(0, *system.drive_shape).float())
-    found = projections.step(start)[0, 0].double()
+    driven = make_driven(system, stack, Settings(), noise(0, *system.drive_shape).float().numpy(), "cpu", "")
+    problem, projections = driven.problem, AlternatingProjections(driven)
+    start = projections.start(driven.start)
+    found = projections.step(start)[0].double()
     plan = make_plan(system)
     transfer = plan.transfer(1, 0)
     ky, kx = (torch.from_numpy(np.fft.fftfreq(n, 1 / n)).long() for n in plan.grid.padded)
     h = free_space_at(transfer, ky, kx, torch.complex128)
     turns = 825e-9 / 532e-9
-    field = torch.fft.ifft2(h * torch.fft.fft2(torch.exp(2j * math.pi * turns * start[0, 0].double())))
+    field = torch.fft.ifft2(h * torch.fft.fft2(torch.exp(2j * math.pi * turns * start[0].double())))
     channels = problem.objective.target.double()[0]
     mixture = torch.linalg.pinv(problem.objective.wavelength_channels.double().T)[0]
     target = torch.einsum("c,cyx->yx", mixture, channels).clamp(min=0).sqrt()
@@ -191,6 +200,162 @@ def test_it_beats_random_patterns_and_gives_a_hologram(bench: Bench) -> None:
     assert result.state.loss < first.loss
     assert result.hologram.system.edit({"amplitudes": system.amplitudes}) == system
     assert any("Gerchberg" in text for text in told)
+
+
+# --- any modulator ----------------------------------------------------------------------------------------------------
+
+_PIXELS = {"pitch": "8 um", "shape": [12, 16]}
+_WAY = {"kind": "space", "distance": "0.5 mm", "square": "first order"}
+_PHASE = _PIXELS | {"kind": "phase", "stroke": "825 nm", "name": "slm"}
+CHAINS: dict[str, tuple[str, list[dict[str, Any]]]] = {
+    "a phase modulator before an amplitude modulator": ("slm", [_PHASE, _WAY, _PIXELS | {"kind": "amplitude"}]),
+    "an amplitude modulator behind it": (
+        "coarse",
+        [_PHASE, _WAY, {"kind": "amplitude", "name": "coarse", "pitch": "16 um", "shape": [4, 6]}],
+    ),
+    "amplitudes of levels": ("bits", [_PHASE, _WAY, _PIXELS | {"kind": "amplitude", "name": "bits", "levels": 2}]),
+    "a complex modulator": ("both", [_PHASE, _PIXELS | {"kind": "complex", "name": "both", "stroke": "600 nm"}]),
+    "behind a lens and a mask, off the axis": (
+        "slm",
+        [
+            {"kind": "lens", "focal_length": "20 mm"},
+            {"kind": "mask", "pattern": "random", "stroke": "500 nm", **_PIXELS},
+            _WAY,
+            _PHASE | {"offset": ["8 um", "-16 um"]},
+        ],
+    ),
+    "in a Fourier plane": ("slm", [_PIXELS | {"kind": "complex"}, {"kind": "fourier", "focal_length": "1 mm"}, _PHASE]),
+    "a mask that frames share": ("slm", [_PIXELS | {"kind": "amplitude"}, _WAY, _PHASE | {"shared": True}]),
+}
+
+
+def _of_elements(elements: list[dict[str, Any]], **keys: Any) -> System:
+    lasers, planes_m = [[1.0, 0.7], [0.0, 1.0]], [2e-3, 3e-3]
+    return System([532e-9, 580e-9], lasers, elements=elements, planes_m=planes_m, observer="eye").with_(**keys)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_light_of_an_element_and_its_adjoint(name: str, noise: Noise) -> None:
+    """|A p|² is what a simulation shows, and ⟨x, A p⟩ = ⟨A⁺x, p⟩; both in complex128, of some 10³ terms."""
+    own, elements = CHAINS[name]
+    system = _of_elements(elements)
+    driven = make_driven(system, _stack(system), Settings(seed=3), hv.random_drive(system), "cpu", own)
+    plan, number = driven.light.plan, driven.light.number
+    light = ElementLight(plan, hv.random_drive(system), number, driven.element, driven.lasers, double=True)
+    pixels = [
+        transmission_of(driven.element, driven.start[driven.frame_of(f)], float(system.wavelengths_m[λ]))
+        for f, λ in driven.lasers
+    ]
+    light.show(torch.stack(pixels))
+    shape = (len(driven.lasers), 1, *plan.grid.shape)
+    x = torch.polar(noise(1, *shape).double(), 6 * noise(2, *shape).double())
+    fields: list[torch.Tensor] = []
+
+    def compare(plane: int, rows: slice, at_plane: torch.Tensor) -> None:
+        fields.append(at_plane.clone())
+        at_plane.copy_(x.conj())
+
+    light.process_planes([1], compare, carry_back=True)
+    products = (x.conj() * fields[0]).sum(dim=(1, 2, 3))
+    torch.testing.assert_close(
+        (light.pixel_fields().conj() * torch.stack(pixels)).sum(dim=(1, 2)), products, rtol=1e-11, atol=1e-11
+    )
+    drives = hv.random_drive(system) | {own: driven.start.numpy()}
+    seen = hv.simulate(system, drives, backend="torch64").intensity[1]
+    weights = plan.weights
+    for λ in range(2):
+        total = sum(
+            weights[f, λ] * fields[0][i, 0].abs().square().numpy() for i, (f, n) in enumerate(driven.lasers) if n == λ
+        )
+        np.testing.assert_allclose(total, seen[λ], rtol=0, atol=1e-11 * seen.max())
+
+
+def test_the_first_modulator_by_derivatives_is_that_by_hand(noise: Noise) -> None:
+    """A⁺x at both modulators of the short form: of a chain that is equal to it, and of the adjoint by hand."""
+    gap, last = _WAY, {"kind": "space", "iris_na": 0.03}
+    twins = [
+        System(
+            [532e-9],
+            [[1.0]],
+            elements=[_PHASE | {"shared": is_shared}, gap, _PHASE | {"name": "second", "shared": is_shared}, last],
+            planes_m=[2e-3],
+        )
+        for is_shared in (False, True)
+    ]
+    short, chain = twins
+    assert chain.is_chain and not short.is_chain
+    drive = noise(0, *short.drive_shape).double()
+    model = Problem(short, _stack(short), Settings(), double=True).model
+    shape = (1, 1, *model.plan.grid.shape)
+    x = torch.polar(noise(1, *shape).double(), 6 * noise(2, *shape).double())
+    model.forward(drive * 825e-9)
+    carrier = model.carrier().conj()
+
+    def take_by_hand(plane: int, rows: slice, fields: torch.Tensor) -> None:
+        fields.copy_(x[:, :, rows].conj() * carrier[rows])
+
+    model.process_planes([0], take_by_hand, carry_back=True)
+    names = ("slm", "second")
+    patterns = {name: drive[:, i].numpy() for i, name in enumerate(names)}
+    light = ElementLight(make_plan(chain), patterns, 0, chain.elements[0], [(0, 0)], double=True)
+    light.show(transmission_of(chain.elements[0], drive[:, 0], 532e-9))
+    light.process_planes([0], lambda plane, rows, fields: fields.copy_(x.conj()), carry_back=True)
+    by_hand = model.pixel_fields()
+    torch.testing.assert_close(light.pixel_fields(), by_hand, rtol=0, atol=1e-11 * float(by_hand.abs().max()))
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_amplitude_error_of_an_element_never_rises(name: str) -> None:
+    own, elements = CHAINS[name]
+    errors = _errors(_of_elements(elements), None, own)
+    assert all(after <= before * (1 + 1e-5) for before, after in pairwise(errors))
+    assert errors[-1] < errors[0] or name == "amplitudes of levels"  # a step shorter than half a level changes nothing
+
+
+def test_the_second_modulator_of_the_short_form_is_driven(bench: Bench, noise: Noise) -> None:
+    system = bench()
+    assert len(system.modulators) == 2
+    start, second = noise(0, *system.drive_shape).float().numpy(), system.element_names[2]
+    errors = _errors(system, start, second)
+    assert all(after <= before * (1 + 1e-5) for before, after in pairwise(errors)) and errors[-1] < errors[0]
+    *_, last = iterate_named("gerchberg-saxton", system, _stack(system), Settings(iterations=2), start, element=second)
+    assert np.array_equal(last.best.drive[:, 0], start[:, 0])
+    assert not np.array_equal(last.best.drive[:, 1], start[:, 1])
+
+
+def test_double_phase_of_a_modulator_behind_an_amplitude_modulator_shows_a_smooth_picture() -> None:
+    """As at its wavelength alone, behind a stop of half the order, with light of even amplitude on it."""
+    pixels = {"pitch": "8 um", "shape": [48, 64]}
+    stop = {"kind": "space", "iris_na": 532e-9 / (4 * 8e-6)}
+    elements = [pixels | {"kind": "amplitude"}, pixels | {"kind": "phase", "stroke": "825 nm", "name": "slm"}, stop]
+    system = System([532e-9], [[1.0]], elements=elements, planes_m=[2e-3], observer="mono").with_(
+        propagation="periodic"
+    )
+    rows, columns = make_plan(system).grid.shape
+    y, x = np.ogrid[:rows, :columns]
+    picture = 0.2 + 0.15 * np.cos(2 * np.pi * x / columns) * np.cos(2 * np.pi * y / rows)
+    stack = np.repeat(picture[None, :, :, None], 3, axis=-1).astype(np.float32)
+    (state,) = iterate_named("double-phase", system, stack, Settings(), element="slm")
+    assert state.psnr_db > 50
+    assert state.light == pytest.approx(
+        float(hv.simulate(state.best).intensity.mean() / state.best.system.amplitudes.sum()), rel=1e-3
+    )
+
+
+def test_what_cannot_be_driven_is_a_sentence() -> None:
+    system = _of_elements(CHAINS["an amplitude modulator behind it"][1])
+    for method, name, words in (
+        ("double-phase", "coarse", "of kind amplitude; expected a phase modulator"),
+        ("gerchberg-saxton", "space", "of kind space; expected slm, coarse"),
+        ("gerchberg-saxton", "slmm", "slm, coarse"),
+    ):
+        with pytest.raises(UserError, match=words):
+            next(iter(iterate_named(method, system, _stack(system), Settings(), element=name)))
+    with pytest.raises(UserError, match="adam drives all modulators"):
+        RunOptions(modulator="slm").check_method(Settings())
+    leaky = system.edit({"effects": {"leakage": {"element": "coarse", "amplitude": 0.2}}})
+    with pytest.raises(UserError, match="effects that change the modulators' light"):
+        next(iter(iterate_named("gerchberg-saxton", leaky, _stack(leaky), Settings(), element="coarse")))
 
 
 # --- what is refused -------------------------------------------------------------------------------------------------

@@ -225,12 +225,12 @@ class ChainProblem:
         steps = len(self.plan.planes) + 2 * len(self.plan.way.steps)
         require_memory("optimisation", samples * steps * _BYTES, remedy="lower shape, upsample, frames or wavelengths")
         self.objective: Objective = make_objective(self.plan, stack, settings, device=device, double=double)
-        self._make_executor = partial(_Executor, double=double, device=device)
+        self._make_executor = partial(ChainExecutor, double=double, device=device)
         self._executor = self._make_executor(self.plan, _dark_inputs(self.plan))
         self._relative_step = _RELATIVE_STEP[double]
         people = drawn_people(settings.observers) if settings.observers else []
         self._agreement = AgreementPenalty(people, self.objective.loss) if people else None
-        self._lasers = [(f, λ) for λ in range(len(system.wavelengths_m)) for f in self.plan.lit(λ)]
+        self.lasers = [(f, λ) for λ in range(len(system.wavelengths_m)) for f in self.plan.lit(λ)]
         self._share = 1.0 / (system.frames * len(self.plan.slopes))
 
     def set_wavelengths(self, wavelengths_m: Floats) -> None:
@@ -266,7 +266,7 @@ class ChainProblem:
             )
         colours = channel_wavelength_derivatives(self.objective.loss, λ, self.plan.system.observer)
         out = np.zeros(len(λ))
-        for laser, (_, number) in enumerate(self._lasers):
+        for laser, (_, number) in enumerate(self.lasers):
             step_m = 2 * self._relative_step * λ[number]
             for slope, above, below in (
                 (slopes[0], longer.intensity, shorter.intensity),
@@ -283,12 +283,12 @@ class ChainProblem:
         """The light of all lasers at unit amplitude for patterns by name, with torch's graph."""
         return self._light_of(self._executor, drives)
 
-    def _light_of(self, executor: _Executor, drives: Mapping[str, Tensor]) -> ChainLight:
+    def _light_of(self, executor: ChainExecutor, drives: Mapping[str, Tensor]) -> ChainLight:
         transmissions = executor.inputs.sampled_transmissions
         assert isinstance(transmissions, ChainTransmissions)
         transmissions.show(dict(drives))
         intensity, spectra, last = [], [], self.plan.way.last
-        for frame, wavelength in self._lasers:
+        for frame, wavelength in self.lasers:
             planes, powers = [], []
             for source in range(len(self.plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
@@ -322,7 +322,7 @@ class ChainProblem:
         if squares.is_dark:
             raise UserError("optimisation", "no light reaches the picture", remedy="widen the stops or start anew")
         out = np.zeros(self.plan.system.amplitudes.shape)
-        for (frame, wavelength), amplitude in zip(self._lasers, squares.solve(), strict=True):
+        for (frame, wavelength), amplitude in zip(self.lasers, squares.solve(), strict=True):
             out[frame, wavelength] = amplitude
         return out
 
@@ -336,20 +336,20 @@ class ChainProblem:
         """Coefficient of variation of the light over 8 × 8 blocks of the finest pixels' first order, by luminance."""
         luminance = torch.as_tensor(self.plan.colour_weights[:, 1].copy()).to(found.spectra)
         weights = torch.as_tensor(self._weights(amplitudes)).to(found.spectra)
-        weights = weights * torch.stack([luminance[λ] for _, λ in self._lasers])
+        weights = weights * torch.stack([luminance[λ] for _, λ in self.lasers])
         return float(_variation(self._blocks(torch.tensordot(weights, found.spectra.detach(), dims=1))))
 
     def _channels(self) -> Tensor:
         """Channels (laser, channel) of unit intensity of each laser that shines in a frame."""
-        return torch.stack([self.objective.wavelength_channels[λ] for _, λ in self._lasers])
+        return torch.stack([self.objective.wavelength_channels[λ] for _, λ in self.lasers])
 
     def _weights(self, amplitudes: Floats) -> Floats:
-        return np.array([amplitudes[frame, λ] for frame, λ in self._lasers])
+        return np.array([amplitudes[frame, λ] for frame, λ in self.lasers])
 
     def _variations(self, spectra: Tensor, amplitudes: Floats) -> Tensor:
         """Coefficient of variation (wavelength,) of the eyebox's light, of those that shine."""
         by_wavelength: dict[int, Tensor] = {}
-        for (_, λ), weight, power in zip(self._lasers, self._weights(amplitudes), spectra, strict=True):
+        for (_, λ), weight, power in zip(self.lasers, self._weights(amplitudes), spectra, strict=True):
             if weight:
                 by_wavelength[λ] = by_wavelength.get(λ, torch.zeros_like(power)) + weight * power
         return torch.stack([_variation(self._blocks(power)) for power in by_wavelength.values()])
@@ -378,16 +378,17 @@ class ChainLight:
         self.intensity, self.spectra = intensity, spectra
 
 
-class _Executor(TorchExecutor):
+class ChainExecutor(TorchExecutor):
     """Keeps the transfer functions and stops of all wavelengths."""
 
     _stops_of: Plan | None = None
 
-    def held_at(self, plan: Plan) -> _Executor:
+    def held_at(self, plan: Plan) -> ChainExecutor:
         """The executor of a plan of other wavelengths, whose stops pass the frequencies that these pass."""
         moved = copy.copy(self)
         moved.plan, moved.inputs, moved._stops_of = plan, _dark_inputs(plan), self.plan
-        moved._modulators, moved._all_kept = moved.inputs, {}
+        moved._modulators = moved.inputs
+        moved.__dict__["_all_kept"] = {}
         return moved
 
     def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:

@@ -42,7 +42,8 @@ _OF_ITERATIONS = ("iterations", "seed", "begin")  # settings that a closed form 
 class RunOptions:
     """How to run an optimisation: device, start, stopping criteria, and files that are written in the meantime.
 
-    method: one of `holoview.holograms.optimise.named_methods.METHODS`; "adam" is the optimiser's own.
+    method: one of `holoview.holograms.optimise.named_methods.METHODS`; "adam" is the optimiser's own, which drives all
+    modulators; modulator: the name of the one that another method drives, the first when "".
     grid: "compact" pads the simulation only by the walk-off of the light, "preset" as the bench says.
     device: of torch. sharded: whether the processes that torchrun started share the lasers.
     initial_hologram: the initial patterns are those of this hologram. resume: a checkpoint to continue from.
@@ -51,6 +52,7 @@ class RunOptions:
     """
 
     method: str = "adam"
+    modulator: str = ""
     grid: str = "compact"
     device: str = "cpu"
     sharded: bool = False
@@ -68,6 +70,9 @@ class RunOptions:
             remedy = suggest_matches(self.method, METHODS)
             raise UserError("--method", f'"{self.method}"', expected=", ".join(METHODS), remedy=remedy)
         if self.method == "adam":
+            if self.modulator:
+                expected = f"with --method {' or '.join(METHODS[1:])}; adam drives all modulators"
+                raise UserError("--modulator", f'"{self.modulator}"', expected=expected)
             return
         given: dict[str, object] = {
             "--resume": self.resume,
@@ -138,8 +143,9 @@ def optimise_hologram(
         if isinstance(stack, ComplexTarget):
             raise UserError(f"--method {options.method}", "with a complex target", expected="--method adam")
         assert not callable(stack)
-        tell(describe_method(options.method, simulated))
-        states = iterate_named(options.method, simulated, stack, settings, start, device=device)
+        name, has_start = options.modulator, start is not None
+        tell(describe_method(options.method, simulated, name, has_start=has_start))
+        states = iterate_named(options.method, simulated, stack, settings, start, element=name, device=device)
     last = watch(states, options, process_group, progress, interruption or Interruption(), tell)
     if last is None:
         raise nothing_left()

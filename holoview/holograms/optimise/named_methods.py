@@ -1,12 +1,12 @@
 """Two methods that papers compare with: double phase, a closed form, and Gerchberg–Saxton, alternating projections.
 
-Both compute the pattern of the first modulator with the optimiser's own propagation and its adjoint, and a second
-modulator stays flat. With p = exp(2πi·opd/λ) of the pixels, E_k = A_k p at plane k is linear, and |A_k|² ≤ u² for
-u × u samples a pixel, since stops and transfer functions only absorb. Both get the laser amplitudes that the optimiser
-would find in closed form.
+Both compute the pattern of one modulator, the first unless another is named, while all else stays as it is. With the
+transmissions p of its pixels, exp(2πi·opd/λ) of a phase modulator, E_k = A_k p at plane k is linear, and |A_k Δp|² ≤
+Σ b·|Δp|² with the light b that falls on a pixel's samples (`driven_element`), since all behind only absorbs. Both get
+the laser amplitudes that the optimiser would find in closed form.
 
 Double phase   the target's amplitude T at the middle plane, with a flat phase, is carried back to the pixels. The field
-               U = A⁺T there, with A⁺ the adjoint, is shown by two phases in turn, as a checkerboard:
+               U = A⁺T/b there, with A⁺ the adjoint, is shown by two phases in turn, as a checkerboard:
                U/|U|max = (exp(iθ₊) + exp(iθ₋))/2,  θ± = arg U ± arccos(|U|/|U|max)
 Gerchberg–     at each plane the field gets the target's amplitude, G = T·E/|E|; the pixels get the phase of the field
 Saxton         that is carried back. A isn't unitary behind stops, hence u = p + Σ_k w_k·A_k⁺(G_k − A_k p)/(Σ_k w_k·u²),
@@ -21,31 +21,31 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.beams import slices
 from holoview.holograms.optimise.checkpoint import Checkpoint, IterationState
-from holoview.holograms.optimise.forward_model import AutogradModel
+from holoview.holograms.optimise.driven_element import DrivenElement, driven_name, make_driven, transmission_of
 from holoview.holograms.optimise.lasers import Laser
-from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.holograms.optimise.settings import Settings
-from holoview.holograms.optimise.variables import initial_drive
+from holoview.light.model.elements import ComplexModulator, PhaseModulator, Pixels
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
-from holoview.light.optics.frame_inputs import check_drive
-from holoview.light.optics.slm import nearest_level, phasor
+from holoview.light.optics.slm import nearest_level
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 
 METHODS = ("adam", "double-phase", "gerchberg-saxton")
 _LEVELS = 256  # that Gerchberg–Saxton chooses from on a continuous modulator: an error of the field of 0.7 %
+_MODULI, _TURNS = 17, 64  # of a complex modulator: an error of 5 % of the field
+_SAME_POWER = 1e-6  # of the values of a phase modulator, in float32
+_DIM = 0.1  # of the mean: darker light on a modulator isn't made up for
 _SCORES_AT_ONCE = 1 << 20  # numbers of the table from which it chooses
 
 
@@ -54,11 +54,14 @@ def iterate_named(
     system: System,
     stack: NDArray[np.floating],
     settings: Settings,
-    start: NDArray[np.float32] | None = None,
+    start: Any = None,
     *,
+    element: str = "",
     device: str = "cpu",
 ) -> Iterator[IterationState]:
     """The states of a named method, as `iterate` yields them; arguments as there.
+
+    element: the name of the modulator that is driven, the first when "". The others stay as `start` has them, or flat.
 
     method: "double-phase", which yields one state, or "gerchberg-saxton", which yields `settings.iterations` + 1
     states. Of these, every `settings.amplitudes_every`-th state and the last have amplitudes, loss and hologram of
@@ -66,28 +69,34 @@ def iterate_named(
 
     Raises UserError as `iterate` does, and for effects that change the light of the modulators.
     """
-    problem = Problem(system, stack, settings, device)
-    if isinstance(problem.model, AutogradModel):
-        raise UserError(
-            f"--method {method}",
-            "effects that change the modulators' light",
-            expected="a bench without them",
-            remedy="switch them off; rendering shows what they do",
-        )
-    drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
-    check_drive(problem.model.plan, drive)
-    drives = _double_phase_drives(problem) if method == "double-phase" else _gerchberg_saxton_drives(problem, drive)
-    return _states(problem, drives, 0 if method == "double-phase" else settings.iterations)
+    driven = make_driven(system, stack, settings, start, device, element)
+    if method == "double-phase":
+        if not isinstance(driven.element, PhaseModulator):
+            found = f'"{driven.name}", of kind {driven.element.kind}'
+            raise UserError(f"--method {method}", found, expected="a phase modulator", remedy="name it by --modulator")
+        return _states(driven, _double_phase_drives(driven), settings, 0)
+    return _states(driven, _gerchberg_saxton_drives(driven, settings.iterations), settings, settings.iterations)
 
 
-def describe_method(method: str, system: System) -> str:
-    """A sentence for the user on the pattern that a method finds on a system."""
+def describe_method(method: str, system: System, element: str = "", *, has_start: bool = False) -> str:
+    """A sentence for the user on the pattern that a method finds on a system. has_start: whether others have one."""
     text = "Gerchberg–Saxton: targets of the lasers count alike"
     if method == "double-phase":
         wavelengths = dict.fromkeys(λ for _, λ in chosen_lasers(make_plan(system)))
         names = [f"{system.wavelengths_m[λ] * 1e9:.1f} nm" for λ in wavelengths]
         text = f"double phase, computed for the brightest wavelength of each frame: {', '.join(names)}"
-    return text + ("; the second modulator stays flat" if len(system.modulators) > 1 else "")
+    driven, number = driven_name(system, element), sum(kind_of.is_driven for kind_of in _pixels(system))
+    if number == 1:
+        return text
+    stay = "as they begin" if has_start else "flat"
+    if number == 2:
+        other = "first" if element and driven != driven_name(system) else "second"
+        return f"{text}; the {other} modulator stays {'as it begins' if has_start else 'flat'}"
+    return f"{text}; {driven} is driven, and the other modulators stay {stay}"
+
+
+def _pixels(system: System) -> list[Pixels]:
+    return [element for element in system.elements if isinstance(element, Pixels)]
 
 
 def chosen_lasers(plan: Plan) -> list[Laser]:
@@ -104,91 +113,77 @@ def double_phase(field: Tensor) -> Tensor:
     return field.angle() + spread * (1 - 2 * ((y[:, None] + x) % 2))
 
 
-def _states(problem: Problem, drives: Iterator[Tensor], last: int) -> Iterator[IterationState]:
-    started, system, settings = time.perf_counter(), problem.system, problem.settings
-    loss, best_db, evaluation = math.inf, -math.inf, None
-    make_best: Callable[[], Hologram] | None = None
+def _states(driven: DrivenElement, drives: Iterator[Tensor], settings: Settings, last: int) -> Iterator[IterationState]:
+    started, best, judged = time.perf_counter(), None, None
     for iteration, drive in enumerate(drives):
-        if evaluation is None or iteration % settings.amplitudes_every == 0 or iteration == last:
-            evaluation, amplitudes = _evaluate(problem, drive)
-            if evaluation.loss < loss or make_best is None:
-                loss, best_db = evaluation.loss, evaluation.psnr_db
-                make_best = partial(Hologram, drive.cpu().numpy().copy(), system.edit({"amplitudes": amplitudes}))
-        assert make_best is not None and evaluation.eyebox_variation is not None
+        if judged is None or iteration % settings.amplitudes_every == 0 or iteration == last:
+            judged = driven.judge(drive)
+            if best is None or judged.loss < best.loss:
+                best = judged
+        assert best is not None
         yield IterationState(
             iteration=iteration,
             iterations=last,
-            loss=evaluation.loss,
-            psnr_db=evaluation.psnr_db,
-            best_psnr_db=best_db,
-            eyebox=evaluation.eyebox_variation,
+            loss=judged.loss,
+            psnr_db=judged.psnr_db,
+            best_psnr_db=best.psnr_db,
+            eyebox=judged.eyebox,
+            light=judged.light,
             seconds=time.perf_counter() - started,
-            make_best=make_best,
-            picture=evaluation.picture,
+            make_best=best.make_hologram,
+            picture=judged.picture,
             checkpoint=_no_checkpoint,
         )
-
-
-def _evaluate(problem: Problem, drive: Tensor) -> tuple[LossEvaluation, NDArray[np.float64]]:
-    """The evaluation of a drive with the amplitudes that suit it best, and these amplitudes."""
-    path_m = drive * _strokes_m(problem.system, drive)
-    given = np.array(problem.system.amplitudes)
-    solved = problem.evaluate(path_m, given, EvaluationRequest(optimal_amplitudes=True)).optimal_amplitudes
-    assert solved is not None
-    return problem.evaluate(path_m, solved, EvaluationRequest(eyebox_variation=True)), solved
 
 
 def _no_checkpoint() -> Checkpoint:
     raise UserError("--checkpoint", "of a named method", expected="the optimiser's own method")
 
 
-def _strokes_m(system: System, like: Tensor) -> Tensor:
-    return torch.tensor([m.stroke_m for m in system.modulators], dtype=torch.float32).reshape(-1, 1, 1).to(like.device)
-
-
-def _target_intensities(problem: Problem) -> Tensor:
+def _target_intensities(driven: DrivenElement) -> Tensor:
     """The intensity (laser, plane, y, x) ≥ 0 that each laser should have at unit amplitude.
 
     Of all mixtures of the lit wavelengths that give the target's channels, the one of least squares; 0 where negative.
     """
-    lit = sorted({λ for _, λ in problem.lasers})
-    channels = problem.objective.wavelength_channels[lit].cpu().double()
-    mixture = torch.linalg.pinv(channels.T).to(problem.objective.target)
-    shares = torch.einsum("lc,kcyx->lkyx", mixture, problem.objective.target).clamp_(min=0)
-    return shares[[lit.index(λ) for _, λ in problem.lasers]]
+    objective, lit = driven.problem.objective, sorted({λ for _, λ in driven.lasers})
+    channels = objective.wavelength_channels[lit].cpu().double()
+    mixture = torch.linalg.pinv(channels.T).to(objective.target)
+    shares = torch.einsum("lc,kcyx->lkyx", mixture, objective.target).clamp_(min=0)
+    return shares[[lit.index(λ) for _, λ in driven.lasers]]
 
 
 # --- double phase ----------------------------------------------------------------------------------------------------
 
 
-def _double_phase_drives(problem: Problem) -> Iterator[Tensor]:
-    """The one drive (frame, modulator, y, x) of the closed form."""
-    model, system = problem.model, problem.system
-    plan, device = model.plan, model.device
-    middle, drive = len(plan.planes_m) // 2, torch.zeros(system.drive_shape, device=device)
-    shares = _target_intensities(problem)[:, middle]
-    amplitudes = torch.stack([shares[_lasers_of(problem, frame)].mean(dim=0).sqrt() for frame, _ in problem.lasers])
-    most_upright = [int(np.argmin(np.hypot(*plan.slopes[:, λ].T))) for _, λ in problem.lasers]
-
-    carrier = model.carrier().conj()
+def _double_phase_drives(driven: DrivenElement) -> Iterator[Tensor]:
+    """The one drive (frame, y, x) of the closed form."""
+    light, system, element = driven.light, driven.system, driven.element
+    assert isinstance(element, PhaseModulator)
+    plan, drive = light.plan, torch.zeros_like(driven.start)
+    middle = len(plan.planes_m) // 2
+    shares = _target_intensities(driven)[:, middle]
+    amplitudes = torch.stack([shares[_lasers_of(driven, frame)].mean(dim=0).sqrt() for frame, _ in driven.lasers])
+    most_upright = [int(np.argmin(np.hypot(*plan.slopes[:, λ].T))) for _, λ in driven.lasers]
+    carrier = light.carrier().conj()
 
     def show_target(plane: int, rows: slice, fields: Tensor) -> None:
         fields.zero_()
         for laser, source in enumerate(most_upright):
             fields[laser, source] = amplitudes[laser, rows] * carrier[rows]
 
-    model.forward(drive)
-    model.process_planes([middle], show_target, carry_back=True)
-    pixels = model.pixel_fields()
-    for frame, λ in chosen_lasers(plan):
-        phase = double_phase(pixels[problem.lasers.index((frame, λ))])
-        drive[frame, 0] = _drive_of_phase(phase, float(system.wavelengths_m[λ]) / system.modulators[0].stroke_m)
-    shown = [nearest_level(drive[:, m], modulator) for m, modulator in enumerate(system.modulators)]
-    yield torch.stack(shown, dim=1)
+    driven.show(drive)
+    light.process_planes([middle], show_target, carry_back=True)
+    pixels, bound = light.pixel_fields(), driven.bound
+    if bool((bound != bound.flatten()[0]).any()):  # of the light that falls on it: what it should be behind, over this
+        pixels = pixels / torch.maximum(bound, _DIM * bound.mean(dim=(1, 2), keepdim=True))
+    for frame, λ in reversed(chosen_lasers(plan)):
+        phase = double_phase(pixels[driven.lasers.index((frame, λ))])
+        drive[driven.frame_of(frame)] = _drive_of_phase(phase, float(system.wavelengths_m[λ]) / element.stroke_m)
+    yield nearest_level(drive, element)
 
 
-def _lasers_of(problem: Problem, frame: int) -> list[int]:
-    return [i for i, (own, _) in enumerate(problem.lasers) if own == frame]
+def _lasers_of(driven: DrivenElement, frame: int) -> list[int]:
+    return [i for i, (own, _) in enumerate(driven.lasers) if own == frame]
 
 
 def _drive_of_phase(phase: Tensor, wave: float) -> Tensor:
@@ -200,11 +195,11 @@ def _drive_of_phase(phase: Tensor, wave: float) -> Tensor:
 # --- Gerchberg–Saxton ------------------------------------------------------------------------------------------------
 
 
-def _gerchberg_saxton_drives(problem: Problem, drive: Tensor) -> Iterator[Tensor]:
-    """The drives (frame, modulator, y, x), from the start, which gets the modulator's levels, to the last iteration."""
-    projections = AlternatingProjections(problem)
-    drive = projections.start(drive)
-    for _ in range(problem.settings.iterations):
+def _gerchberg_saxton_drives(driven: DrivenElement, iterations: int) -> Iterator[Tensor]:
+    """The drives (frame, y, x), from the start, which gets the modulator's levels, to the last iteration."""
+    projections = AlternatingProjections(driven)
+    drive = projections.start(driven.start)
+    for _ in range(iterations):
         yield drive
         drive = projections.step(drive)
     yield drive
@@ -219,26 +214,21 @@ class AlternatingProjections:
 
     error: float
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem, model = problem, problem.model
-        self._targets = _target_intensities(problem).sqrt_()
-        self._counts = torch.zeros(self._targets.shape[-2:], device=model.device)
-        self._counts[problem.objective.region_slices] = 1
-        self._weights = problem.objective.plane_weights
-        self._bound = float(self._weights.sum()) * model.plan.grid.upsample**2
-        modulator = problem.system.modulators[0]
-        levels = np.linspace(0, 1, _LEVELS) if modulator.levels is None else np.array(modulator.levels)
-        self._levels = torch.as_tensor(levels, dtype=torch.float32, device=model.device)
+    def __init__(self, driven: DrivenElement) -> None:
+        self._driven, objective = driven, driven.problem.objective
+        self._targets = _target_intensities(driven).sqrt_()
+        self._counts = torch.zeros(self._targets.shape[-2:], device=self._targets.device)
+        self._counts[objective.region_slices] = 1
+        self._weights = objective.plane_weights
+        self._bound = float(self._weights.sum()) * driven.bound
+        self._choices = _choices(driven.element).to(driven.start.device)
 
     def start(self, drive: Tensor) -> Tensor:
-        """The first drive: at the nearest levels, with a flat second modulator. Scales the targets."""
-        drive = drive.to(self._levels.device).clone()
-        drive[:, 1:] = 0
-        middles = (self._levels[1:] + self._levels[:-1]) / 2
-        drive[:, 0] = self._levels[torch.bucketize(drive[:, 0].contiguous(), middles)]
-        self._problem.model.forward(drive * _strokes_m(self._problem.system, drive))
+        """The first drive (frame, y, x): at the nearest of the values that are chosen from. Scales the targets."""
+        drive = self._nearest(drive[:, None], torch.ones_like(drive.real)[:, None], self._choices[None], drive.shape)
+        self._driven.show(drive)
         planes = range(self._targets.shape[1])
-        parts = self._problem.model.process_planes(planes, self._energy_of_rows, carry_back=False)
+        parts = self._driven.light.process_planes(planes, self._energy_of_rows, carry_back=False)
         energy = torch.stack([part for plane in parts for part in plane]).sum(dim=0)
         wanted = (self._targets.square() * self._counts).sum(dim=(1, 2, 3)).cpu().double()
         scale = torch.where(wanted > 0, (energy / wanted.clamp_min(1e-300)).sqrt(), 0.0)
@@ -247,18 +237,22 @@ class AlternatingProjections:
         return drive
 
     def step(self, drive: Tensor) -> Tensor:
-        """The drive (frame, modulator, y, x) after one iteration."""
-        model, path_m = self._problem.model, drive * _strokes_m(self._problem.system, drive)
-        model.forward(path_m)
-        parts = model.process_planes(range(self._targets.shape[1]), self._replace_by_corrections, carry_back=True)
+        """The drive (frame, y, x) after one iteration."""
+        driven = self._driven
+        driven.show(drive)
+        parts = driven.light.process_planes(
+            range(self._targets.shape[1]), self._replace_by_corrections, carry_back=True
+        )
         self.error = float(sum(part for plane in parts for part in plane))
-        corrections = model.pixel_fields()
+        wanted = (
+            self._bound * driven.transmissions(drive).to(drive.device, torch.complex64) + driven.light.pixel_fields()
+        )
         after = drive.clone()
-        for frame in sorted({frame for frame, _ in self._problem.lasers}):
-            own = _lasers_of(self._problem, frame)
-            λ = torch.from_numpy(model.plan.system.wavelengths_m[[self._problem.lasers[i][1] for i in own]]).to(drive)
-            present = phasor(path_m[frame, 0], λ[:, None, None], corrections.dtype)
-            after[frame, 0] = self._nearest_drive(present + corrections[own] / self._bound, λ)
+        for shown in sorted({driven.frame_of(frame) for frame, _ in driven.lasers}):
+            own = [i for i, (frame, _) in enumerate(driven.lasers) if driven.frame_of(frame) == shown]
+            λ = [float(driven.system.wavelengths_m[driven.lasers[i][1]]) for i in own]
+            values = torch.stack([transmission_of(driven.element, self._choices, one) for one in λ])
+            after[shown] = self._nearest(wanted[own][None], self._bound[own][None], values, (1, *drive.shape[1:]))[0]
         return after
 
     def _energy_of_rows(self, plane: int, rows: slice, fields: Tensor) -> Tensor:
@@ -276,12 +270,31 @@ class AlternatingProjections:
         fields.copy_((unit * target - fields).conj() * (counts * weight))
         return weight * float(error)
 
-    def _nearest_drive(self, wanted: Tensor, wavelengths_m: Tensor) -> Tensor:
-        """The levels (y, x) whose fields are nearest to the wanted ones, (laser, y, x): of greatest Σ Re(conj(u)·p)."""
-        path_m = self._levels * self._problem.system.modulators[0].stroke_m
-        fields = torch.view_as_real(phasor(path_m, wavelengths_m[:, None], wanted.dtype))  # (laser, level, 2)
-        table = fields.movedim(1, 0).flatten(1)
-        numbers = torch.view_as_real(wanted).movedim(0, 2).flatten(0, 1).flatten(1)  # (sample, 2·laser)
-        blocks = slices(len(numbers), _SCORES_AT_ONCE // len(table))
-        chosen = torch.cat([(numbers[block] @ table.T).argmax(dim=1) for block in blocks])
-        return self._levels[chosen].reshape(wanted.shape[1:])
+    def _nearest(self, wanted: Tensor, bound: Tensor, values: Tensor, shape: Sequence[int]) -> Tensor:
+        """The drives of `shape` whose values v are best: of least Σ_laser b·|v|² − 2·Re(conj(u)·v), which is
+        Σ b·|v − u/b|² up to a constant.
+
+        wanted, bound: u and b (pattern, laser, y, x). values: v (laser, choice).
+        """
+        numbers = torch.view_as_real(wanted.to(torch.complex64)).movedim(1, 3).flatten(3).flatten(0, 2)
+        own = torch.view_as_real(values.to(torch.complex64)).movedim(1, 0).flatten(1).to(numbers.device)
+        powers, weights = values.abs().square().float().T.to(numbers.device), bound.movedim(1, 3).flatten(0, 2)
+        is_constant = bool((powers - powers[:1]).abs().max() < _SAME_POWER)
+        chosen = []
+        for block in slices(len(numbers), max(1, _SCORES_AT_ONCE // len(own))):
+            scores = 2 * numbers[block] @ own.T
+            if not is_constant:
+                scores -= weights[block] @ powers.T
+            chosen.append(scores.argmax(dim=1))
+        return self._choices[torch.cat(chosen)].reshape(tuple(shape))
+
+
+def _choices(element: Pixels) -> Tensor:
+    """The drives that Gerchberg–Saxton chooses from: levels, or so many that a finer choice changes little."""
+    levels = getattr(element, "levels", None)
+    if isinstance(element, ComplexModulator):
+        turns = torch.arange(_TURNS) * (2 * math.pi / _TURNS)
+        return torch.polar(
+            torch.linspace(0, 1, _MODULI)[:, None].expand(-1, _TURNS), turns.expand(_MODULI, -1)
+        ).flatten()
+    return torch.as_tensor(np.linspace(0, 1, _LEVELS) if levels is None else np.array(levels), dtype=torch.float32)

@@ -99,13 +99,23 @@ def relay_behind(plan: Plan, modulator: int) -> int:
     return next((step.relay for step in steps[index + 1 :] if isinstance(step, Travel)), plan.way.last)
 
 
-def light_along(stages: Propagation[Field], wavelength: int, frame: int, source: int) -> Iterator[tuple[str, Field]]:
+def light_along(
+    stages: Propagation[Field], wavelength: int, frame: int, source: int, behind: tuple[int, Field] | None = None
+) -> Iterator[tuple[str, Field]]:
     """The light at each landmark on its way to the spectrum behind the last element, `SPECTRUM`, which is the last.
 
-    A field is valid until the next is asked for, where stages reuse memory.
+    behind: the light behind a step of the way at which an element stands, from where it goes on: the index and the
+    field; from the source when None. A field is valid until the next is asked for, where stages reuse memory.
     """
-    field, modulator = stages.illuminate(wavelength, source), 0
-    for step in stages.plan.way.steps:
+    steps, modulator = stages.plan.way.steps, 0
+    if behind is None:
+        field = stages.illuminate(wavelength, source)
+    else:
+        index, field = behind
+        passed, steps = steps[index], steps[index + 1 :]
+        assert isinstance(passed, Modulate)
+        modulator = passed.number
+    for step in steps:
         if isinstance(step, Modulate):
             modulator = step.number
             field = stages.modulate(field, frame, modulator, wavelength)
