@@ -51,7 +51,7 @@ from holoview.holograms.optimise.parallel import resolve_torch_device
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.targets.picture import Picture, read_picture
 from holoview.holograms.targets.target import target_for
-from holoview.holograms.view import simulate
+from holoview.holograms.view import View, simulate
 from holoview.light.colour import to_srgb8
 from holoview.light.model import preset
 from holoview.light.model.system import System
@@ -125,7 +125,7 @@ def training_stacks(system: System, count: int, leave_out: str) -> list[NDArray[
     return stacks
 
 
-class _ChainStudy(HologramStudy):
+class ChainStudy(HologramStudy):
     """A study of displays that are chains: their PSNR, eyebox and light."""
 
     displays: tuple[str, ...]
@@ -139,6 +139,10 @@ class _ChainStudy(HologramStudy):
     def claims(self, results: Results, lasers: int) -> list[Claim]:
         """What is said of the displays of so many lasers."""
 
+    def numbers(self, view: View, target: NDArray[np.floating]) -> dict[str, float]:
+        """Further numbers of a job, by name."""
+        return {}
+
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         with tempfile.TemporaryDirectory() as folder:
             system = self.system_of(settings, status, Path(folder))
@@ -148,7 +152,8 @@ class _ChainStudy(HologramStudy):
             view = simulate(hologram.system, hologram.drive, backend="torch")
             # light: of that of the lasers on the field, which the loop of the short form doesn't tell
             light = view.intensity.mean(axis=(0, 2, 3)).sum() * system.frames / hologram.system.amplitudes.sum()
-            numbers = hologram_metrics(hologram, view, target) | {"light": float(light), "seconds": state.seconds}
+            numbers = hologram_metrics(hologram, view, target) | self.numbers(view, np.asarray(target))
+            numbers |= {"light": float(light), "seconds": state.seconds}
         middle = len(target) // 2
         pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(target[middle]))}
         return JobResult(numbers, pictures)
@@ -172,7 +177,7 @@ class _ChainStudy(HologramStudy):
         )
 
 
-class _StaticMask(_ChainStudy):
+class _StaticMask(ChainStudy):
     name = "static-mask"
     title = "A static mask in place of HoloChrome's second modulator"
     summary = (
@@ -244,7 +249,7 @@ class _CoarseAmplitude(_StaticMask):
         return [Claim(f"{lasers} λ: an amplitude modulator behind the second modulator", "", words, SHOWN)]
 
 
-class _FlatStudy(_ChainStudy):
+class _FlatStudy(ChainStudy):
     """Displays of three lasers that shine in turn, and a flat picture of much black."""
 
     quick_note = f"{format_size(QUICK.shape, 1)[0]}, {QUICK.iterations} iterations; night, flat."
@@ -296,7 +301,7 @@ class _HighContrast(_FlatStudy):
                 reason=reason,
             )
             for stop in ("no stop", "first order")
-        ] + [_light_claim(results, lasers, self.displays)]
+        ] + [light_claim(results, lasers, self.displays)]
 
 
 class _BinaryAmplitude(_FlatStudy):
@@ -324,7 +329,7 @@ class _BinaryAmplitude(_FlatStudy):
             gain_claim(results, "one binary frame of each colour beside one of amplitudes", None, single, continuous),
             gain_claim(results, "eight binary frames of each colour beside one", None, many, single),
             gain_claim(results, "eight binary frames of each colour beside one of amplitudes", None, many, continuous),
-            _light_claim(results, lasers, self.displays),
+            light_claim(results, lasers, self.displays),
         ]
 
 
@@ -333,7 +338,7 @@ def _flat(scale: StudyScale) -> StudyScale:
     return replace(scale, targets=("night",), planes=1)
 
 
-def _light_claim(results: Results, lasers: int, displays: Sequence[str]) -> Claim:
+def light_claim(results: Results, lasers: int, displays: Sequence[str]) -> Claim:
     """The light that each display leaves in the picture."""
     light = {display: mean_number(results, "light", **_case(lasers, display)) for display in displays}
     return Claim("light in the picture", "", "; ".join(f"{name} {share:.1%}" for name, share in light.items()), SHOWN)
