@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 import holoview as hv
 from holoview.holograms.view import field_at, random_drive, simulate
+from holoview.light.engine.point_light import beam_at_point
+from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 
 Complex = NDArray[np.complex128]
 
@@ -185,6 +188,69 @@ def test_a_lens_of_glass_focuses_blue_light_nearer() -> None:
     # By its definition V = (n_d − 1)/(n_F − n_C), and powers are in proportion to n − 1; rounding of the fit alone.
     assert powers[1] == pytest.approx(1 / focal_m, rel=1e-9)
     assert powers[1] / (powers[0] - powers[2]) == pytest.approx(abbe, rel=1e-7)
+
+
+def test_modulators_side_by_side_add_as_a_complex_modulator() -> None:
+    """(exp(iα) + exp(iβ))/2, the mean; a third one beside them takes a third of the light's amplitude."""
+    first, second = (
+        pixels("phase", stroke=800 * NM, name="arm 1"),
+        pixels("phase", stroke=700 * NM, name="arm 2", beside="arm 1"),
+    )
+    stop, λ = {"kind": "space", "square": "first order"}, 532 * NM
+    for more in ((), (pixels("amplitude", beside="arm 1"),)):
+        system = chain(first, second, *more, stop)
+        drives = {name: each.astype(float) for name, each in random_drive(system).items()}
+        light = [np.exp(2j * np.pi * drives[f"arm {n}"] * stroke * NM / λ) for n, stroke in ((1, 800), (2, 700))]
+        light += [drives["amplitude"].astype(complex)] if more else []
+        expected = light_behind(chain(pixels("complex"), stop), np.mean(light, axis=0), "plane")
+        found = light_behind(system, drives, "plane")
+        assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)  # complex128
+        assert system.stage_behind("arm 2") == "arm 1"
+
+
+def test_an_arm_has_its_own_place_and_masks_may_stand_in_one() -> None:
+    dark = pixels("amplitude", beside="phase", offset=[16 * UM, 0.0])
+    mask = {"kind": "mask", "pitch": 4 * UM, "shape": (60, 48), "pattern": "half plane", "beside": "phase"}
+    system = chain(pixels("phase", stroke=800 * NM), dark, mask)
+    drive = {name: each.astype(float) for name, each in random_drive(system).items()}
+    half = np.zeros((60, 48))
+    half[:30] = 1.0
+    field = (68, 48)  # the field holds the arm that stands 4 samples off the axis
+    arms = [
+        on_samples(np.exp(2j * np.pi * drive["phase"][0] * 800 / 532), 2, field),
+        on_samples(drive["amplitude"][0], 2, field, (4, 0)),
+        on_samples(half, 1, field),
+    ]
+    np.testing.assert_allclose(light_behind(system, drive, "phase"), np.mean(arms, axis=0), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("beside", "words"), [("nowhere", 'right before it, "phase"'), ("amplitude", 'right before it, "phase"')]
+)
+def test_what_cannot_stand_side_by_side_is_a_sentence(beside: str, words: str) -> None:
+    with pytest.raises(hv.UserError, match=words):
+        chain(pixels("phase", stroke=800 * NM), pixels("amplitude", beside=beside))
+    with pytest.raises(hv.UserError, match="no element with pixels"):
+        space = {"kind": "space", "distance": 1 * MM}
+        chain(pixels("phase", stroke=800 * NM), space, pixels("amplitude", beside="phase"))
+
+
+def test_the_light_of_a_point_tells_what_each_arm_gives() -> None:
+    """The contributions of all arms, as fields, add up to the light of the point."""
+    second = pixels("phase", stroke=700 * NM, beside="arm 1")
+    elements = (
+        pixels("amplitude"),
+        {"kind": "space", "distance": 1 * MM},
+        pixels("phase", stroke=800 * NM, name="arm 1"),
+    )
+    for before in (elements, elements[2:]):
+        system = chain(*before, second)
+        plan = hv.make_plan(system)
+        executor = TorchExecutor(plan, FrameInputs(plan, random_drive(system)), double=True)
+        found = beam_at_point(executor, plan.beams([0])[0], 0, (31, 20))
+        assert len(found.contributions) == len(system.drive_shapes)
+        total = sum(found.contributions[-2:]).sum()
+        assert abs(total - found.field) < 1e-11 * np.abs(found.contributions[-1]).sum()
 
 
 def test_a_grating_sends_the_light_to_its_orders() -> None:

@@ -47,6 +47,7 @@ class _Drawer:
             return element | {"focal_length": self._maybe(choice(["2 mm", "1.5 mm", "20 mm", "5 mm"]))}
         element |= {"pitch": self._maybe(choice(["8 um", "8 um", "4 um", "16 um", "3 um"]))}
         element |= {"shape": self._maybe(choice(_SHAPES))} | self._seldom(offset=["8 um", "0 um"])
+        element |= self._seldom(beside=choice(["phase", "slm", "amplitude"]))
         if kind == "mask":
             pattern = choice(["random", "grating", "lens array", "half plane"])
             element |= {"pattern": self._maybe(pattern), "period": "32 um", "focal_length": "5 mm"}

@@ -45,6 +45,13 @@ _CHAINS = {
         _SPACE,
         _pixels("phase", stroke=700 * NM, shared=True),
     ),
+    "side by side": (
+        _pixels("phase", stroke=800 * NM, name="one"),
+        _pixels("phase", stroke=700 * NM, name="other", beside="one"),
+        _pixels("complex", name="third", beside="one"),
+        _SPACE,
+        _pixels("amplitude"),
+    ),
     "behind a lens": (
         {"kind": "lens", "focal_length": 20 * MM},
         _pixels("amplitude"),

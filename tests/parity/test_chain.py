@@ -32,6 +32,13 @@ CHAINS: dict[str, list[dict[str, Any]]] = {
         _pixels("amplitude", pitch=24 * UM, shape=(10, 8)),
     ],
     "complex and mask": [_pixels("complex", stroke=600 * NM), _MASK],
+    "side by side": [
+        _MASK,
+        _SPACE,
+        _pixels("phase", stroke=800 * NM, name="one"),
+        _pixels("amplitude", beside="one", offset=[8 * UM, 0.0]),
+        _MASK | {"beside": "one", "seed": 2},
+    ],
     "binary": [_pixels("amplitude", levels=2)],
     "lens and fourier": [
         _pixels("phase", stroke=800 * NM),

@@ -198,7 +198,13 @@ class DrivenChainElement(DrivenElement):
         self.start = self._others[name].to(device)
         if not isinstance(self.element, ComplexModulator):
             self.start = nearest_level(self.start, self.element)  # type: ignore[arg-type]
-        number = next(i for i, t in enumerate(problem.plan.way.transmissions) if t.element is _same(system, name))
+        element = problem.plan.system.elements[system.element_names.index(name)]  # with effects
+        ways = enumerate(problem.plan.way.transmissions)
+        number, of = next((i, t) for i, t in ways if element in (t.element, *t.beside))
+        if of.beside:
+            raise UserError(
+                "--modulator", f'"{name}", to whose light that beside it adds', expected="one in a place alone"
+            )
         self.light = ElementLight(problem.plan, self._others, number, self.element, problem.lasers, device)
         self.bound = self.light.bound()
         self.light.check_plain(self.transmissions(self.start))
@@ -233,10 +239,6 @@ def _flat(system: System) -> dict[str, Any]:
         kinds = {PhaseModulator: np.zeros(shape, np.float32), ComplexModulator: np.ones(shape, np.complex64)}
         drives[name] = kinds.get(type(named[name]), np.ones(shape, np.float32))
     return drives
-
-
-def _same(system: System, name: str) -> Any:
-    return system.elements[system.element_names.index(name)]
 
 
 def changed_light() -> UserError:

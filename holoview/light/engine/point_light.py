@@ -30,6 +30,7 @@ from holoview.light.model.chain import Travel
 from holoview.light.model.elements import Pixels
 from holoview.light.model.plan import Beam, make_plan
 from holoview.light.model.system import System
+from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.memory_limit import require_memory
 
@@ -202,12 +203,33 @@ def beam_at_point(executor: TorchExecutor, beam: Beam, plane: int, place: Place)
             relay, response = executor.transforms[step.relay], executor.derived_transfer(step.relay, wavelength)
             weights = relay.forward_transposed(response * relay.inverse_transposed(weights))
             continue
-        if not way.is_chain or getattr(way.transmissions[step.number].element, "is_driven", False):
+        if way.is_chain and way.transmissions[step.number].beside:
+            number = way.steps.index(step)
+            before = behind[number - 1][1] if number else None
+            contributions[:0] = _of_arms(executor, beam, step.number, weights, before)
+        elif not way.is_chain or getattr(way.transmissions[step.number].element, "is_driven", False):
             contributions.insert(0, weights.numpy() * executor.download_field(field))
         ones = TorchField(torch.ones_like(weights))
         weights = weights * executor.modulate(ones, beam.frame, step.number, wavelength).values
     parts = _by_order(executor, beam, (spectrum * at_place).numpy())
     return BeamAtPoint(complex(around[place]), parts, tuple(contributions), around.numpy())
+
+
+def _of_arms(
+    executor: TorchExecutor, beam: Beam, number: int, weights: torch.Tensor, before: TorchField | None
+) -> list[NDArray[np.complex128]]:
+    """The contributions (y, x) of each modulator of those that stand beside each other.
+
+    weights (y, x): of the light behind them. before: the light that falls on them; that of the source when None.
+    """
+    transmissions, of = executor.inputs.sampled_transmissions, executor.plan.way.transmissions[number]
+    assert isinstance(transmissions, ChainTransmissions)
+    if before is None:
+        wave = executor.illuminate(beam.wavelength, beam.source).values
+        before = TorchField(transmissions.source_light(wave, beam.wavelength))
+    arms = zip((of.element, *of.beside), transmissions.arms(beam.frame, number, beam.wavelength), strict=True)
+    light = weights.numpy() * executor.download_field(before)
+    return [light * arm.numpy() for element, arm in arms if getattr(element, "is_driven", False)]
 
 
 def _by_order(executor: TorchExecutor, beam: Beam, parts: NDArray[np.complex128]) -> dict[tuple[int, int], complex]:

@@ -142,10 +142,14 @@ class Travel:
 
 @dataclass(frozen=True)
 class Transmission:
-    """What a chain multiplies light by: an element, or of a Fourier element the chirp before or behind its kernel."""
+    """What a chain multiplies light by: an element, or of a Fourier element the chirp before or behind its kernel.
+
+    beside: further elements in its place, to whose transmissions its own adds: the mean of all of them counts.
+    """
 
     element: Element
     place: str = ""
+    beside: tuple[Element, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,10 +242,28 @@ def _check_order(joined: Sequence[Element], names: tuple[str, ...], elements: tu
             f"{units.format_rounded(joined[-1].distance_m, 'mm')} behind the last element",
             expected="none there: the planes tell how far the light goes",
         )
+    for index, element in enumerate(joined):
+        if isinstance(element, Pixels) and element.beside:
+            _check_beside(element, joined[:index], names, elements)
     for element in joined[:-1]:
         if isinstance(element, Space) and element.distance_m is None:
             name = _name(element, elements, names)
             raise UserError(f"elements.{name}.distance", "is missing", expected='e.g. "2 mm"')
+
+
+def _check_beside(
+    element: Pixels, before: Sequence[Element], names: tuple[str, ...], elements: tuple[Element, ...]
+) -> None:
+    """Raises UserError unless an element stands right behind the one that it is beside, or others beside that."""
+    others = [*before]
+    while others and isinstance(others[-1], Pixels) and others[-1].beside == element.beside:
+        others.pop()
+    first = others[-1] if others else None
+    if isinstance(first, Pixels) and _name(first, elements, names) == element.beside:
+        return
+    where = f"elements.{_name(element, elements, names)}.beside"
+    near = f'"{_name(first, elements, names)}"' if isinstance(first, Pixels) else "no element with pixels"
+    raise UserError(where, f'"{element.beside}"', expected=f"the element right before it, {near}")
 
 
 def _name(element: Element, elements: Sequence[Element], names: Sequence[str]) -> str:
@@ -402,7 +424,10 @@ class _Walk:
                 steps.append(Travel(len(relays) - 1))
                 modulate(element, "behind", name)
                 continue
-            modulate(element, "", name)
+            if isinstance(element, Pixels) and element.beside:
+                transmissions[-1] = replace(transmissions[-1], beside=(*transmissions[-1].beside, element))
+            else:
+                modulate(element, "", name)
             if isinstance(element, Pixels):
                 pitch_m, finest_m = element.pitch_m, min(finest_m, element.pitch_m if element.is_driven else finest_m)
         if not isinstance(joined[-1], Space):

@@ -98,6 +98,8 @@ def _describe(element: Element, system: System, pitch_m: float, is_last: bool) -
     if any(element.offset_m):
         y, x = (units.format_rounded(off, "um") for off in element.offset_m)
         text += f", at y {y}, x {x}"
+    if element.beside:
+        text += f", beside {element.beside}, to whose light its own adds"
     if isinstance(element, Mask):
         return f"{text}, {_describe_mask(element)}"
     if isinstance(element, PhaseModulator | ComplexModulator) and element.stroke_m is not None:

@@ -85,11 +85,19 @@ class Pixels(Element):
     """An element of square pixels, beside which no light passes.
 
     pitch_m: distance between pixel centres. shape: (rows, columns). offset_m: place (y, x) of its centre from the axis.
+    beside: the name of the element before it, if both stand in arms of an interferometer: a beam splitter divides the
+    light among them and adds it behind, so that all together transmit the mean of what each transmits.
     """
 
     pitch_m: float = same_field(Modulator, "pitch_m")
     shape: tuple[int, int] = same_field(Modulator, "shape")
     offset_m: tuple[float, float] = described_field(_PLACE, "Place (y, x) of its centre.", default=(0.0, 0.0))
+
+    beside: str = described_field(
+        NameField(),
+        "Name of the element before it beside which it stands: what both transmit adds, by halves.",
+        default="",
+    )
 
     is_driven: ClassVar[bool] = True
     """Whether it shows a pattern of each frame."""
@@ -332,7 +340,7 @@ def element_names(elements: Iterable[Element]) -> tuple[str, ...]:
 
 def modulator_of(element: Element) -> Modulator | None:
     """The modulator of the short form that an element is; None for other elements, and away from the axis."""
-    if isinstance(element, Pixels) and any(element.offset_m):
+    if isinstance(element, Pixels) and (any(element.offset_m) or element.beside):
         return None
     if isinstance(element, PhaseModulator) and not element.shared:
         return Modulator(element.pitch_m, element.shape, element.stroke_m, element.levels)

@@ -426,7 +426,7 @@ class System(Description):
             if index < len(places):
                 return places[index]
         elif not isinstance(self.elements[index], Space):
-            return names[index]
+            return getattr(self.elements[index], "beside", "") or names[index]
         else:
             for element, following in zip(self.elements[index + 1 :], names[index + 1 :], strict=True):
                 if not isinstance(element, Space):

@@ -35,7 +35,7 @@ from holoview.light.optics.slm import nearest_level, phasor
 from holoview.light.optics.torch_effects import TorchEffects, laser_number
 
 Tensor = torch.Tensor
-_SOURCE = -1  # in place of the number of a step
+_SOURCE = -1  # in place of the identity of an element
 
 
 class ChainTransmissions:
@@ -52,7 +52,7 @@ class ChainTransmissions:
         self._effects = TorchEffects(plan.nominal.effect_values) if effects is None else effects
         names = zip(plan.system.elements, plan.system.element_names, strict=True)
         self._names = {id(element): name for element, name in names}
-        self._static: dict[tuple[int, int], Tensor] = {}
+        self._static: dict[tuple[int, str, int], Tensor] = {}
 
     def show(self, drives: dict[str, Any]) -> None:
         """Takes other patterns from now on."""
@@ -64,20 +64,33 @@ class ChainTransmissions:
 
     def sampled_transmission(self, frame: int, number: int, wavelength: int) -> Tensor:
         """The transmission (y, x) complex128 of the samples at a step of the way; the first lets in the source."""
-        of, key = self._plan.way.transmissions[number], (number, wavelength)
-        if isinstance(of.element, Pixels) and of.element.is_driven:
-            samples = self._of_driven(of.element, frame, wavelength)
-        else:
-            if key not in self._static:
-                self._static[key] = self._of_static(of.element, of.place, wavelength)
-            samples = self._static[key]
+        first, *others = self.arms(frame, number, wavelength)
+        samples = torch.stack([first, *others]).sum(dim=0) if others else first
         if number or not self._effects.on_parts(("source",), "transmission"):
             return samples
-        key = (_SOURCE, wavelength)
+        key = (_SOURCE, "", wavelength)
         if key not in self._static:
             uniform = torch.ones(self._plan.grid.shape, dtype=torch.complex128)
             self._static[key] = self.source_light(uniform, wavelength)
         return samples * self._static[key]
+
+    def arms(self, frame: int, number: int, wavelength: int) -> list[Tensor]:
+        """What each element at a step of the way adds to its transmission, (y, x): of several their equal shares."""
+        of = self._plan.way.transmissions[number]
+        first = self._of_element(of.element, of.place, frame, wavelength)
+        if not of.beside:
+            return [first]
+        others = [self._of_element(element, "", frame, wavelength) for element in of.beside]
+        return [samples / (1 + len(others)) for samples in (first, *others)]
+
+    def _of_element(self, element: Element, place: str, frame: int, wavelength: int) -> Tensor:
+        """The transmission (y, x) of an element; that of a static one is kept."""
+        if isinstance(element, Pixels) and element.is_driven:
+            return self._of_driven(element, frame, wavelength)
+        key = (id(element), place, wavelength)
+        if key not in self._static:
+            self._static[key] = self._of_static(element, place, wavelength)
+        return self._static[key]
 
     def source_light(self, wave: Tensor, wavelength: int) -> Tensor:
         """The light before the first element: a plane wave (y, x) of the source with the effects on the source."""
