@@ -32,7 +32,10 @@ VOID = {"meta", "img", "br", "link", "input", "hr"}
 PICTURED = {
     "binary-amplitude",
     "coarse-amplitude",
+    "dynamic-fourier",
+    "etendue-expander",
     "high-contrast",
+    "michelson-complex",
     "schemes",
     "wavelength-count",
     "multisource",

@@ -5,7 +5,9 @@ schemes           colour schemes; the number of wavelengths; wavelengths beside 
 modulators        one modulator or two, and what the gain of the second depends on; levels of the modulators; two frames
                   of two lasers, in turn or together
 contrast_ratio    how black black is by the number of wavelengths, with one and two modulators
-chains            a static mask in place of the second modulator, random and learned; a coarse amplitude modulator
+chains            a static mask in place of the second modulator, random and learned; a coarse amplitude modulator;
+                  binary amplitudes; two phase modulators side by side
+etendue           a static mask of finer pixels; an amplitude modulator in the Fourier plane of several coherent sources
 speckle           speckle contrast by the number of wavelengths, on the retina, and its memory effect
 eye               through a human eye with chromatic aberration, and the best spacing of wavelengths for it
 pupil             a pupil beside the axis, small and large; penalty on an unevenly lit eyebox

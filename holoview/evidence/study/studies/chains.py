@@ -1,5 +1,6 @@
 """Displays beside HoloChrome's: a static mask in place of its second modulator, and an amplitude modulator behind it; a
-phase modulator with a coarse amplitude modulator alone; binary amplitudes in many frames.
+phase modulator with a coarse amplitude modulator alone; binary amplitudes in many frames; two phase modulators side by
+side.
 
 All displays of these studies are optimised by the loop of chains, so that they differ in their elements alone.
 """
@@ -18,7 +19,9 @@ from numpy.typing import NDArray
 
 from holoview.evidence.study.charts import bar_chart, bar_panels
 from holoview.evidence.study.hologram_study import (
+    CONTRADICTS,
     QUICK_SIZE,
+    REPRODUCES,
     SHOWN,
     HologramStudy,
     case_jobs,
@@ -65,6 +68,7 @@ _CONTRAST_STROKE_M, _CONTRAST_PLANE_M = 665e-9, 6e-3
 _CONTRAST_GAIN_DB = 31.0  # arXiv 2410.19347: up to so much over phase alone
 _SEED_OF_MASK = 1
 
+ROW, SIDE, COMPLEX = "two in a row", "two side by side", "complex modulator"
 ONE, TWO, RANDOM, LEARNED, COARSE = (
     "one modulator",
     "two modulators",
@@ -333,6 +337,48 @@ class _BinaryAmplitude(_FlatStudy):
         ]
 
 
+class _Michelson(_FlatStudy):
+    name = "michelson-complex"
+    title = "Two phase modulators side by side"
+    summary = (
+        "A phase modulator alone, two in a row 2 mm apart, two side by side whose light a beam splitter adds, and one "
+        "complex modulator."
+    )
+    kind = "michelson-complex"
+    revision = 1
+    displays = (ONE, ROW, SIDE, COMPLEX)
+
+    def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
+        pixels = {"pitch": _PITCH_M, "shape": tuple(settings["shape"])}
+        first = pixels | {"kind": "phase", "name": "first", "stroke": _CONTRAST_STROKE_M}
+        second = first | {"name": "second"}
+        stop = {"kind": "space", "square": "first order of first"}
+        before: dict[str, list[Any]] = {
+            ONE: [first],
+            ROW: [first, stop | {"distance": _GAP_M}, second],
+            SIDE: [first, second | {"beside": "first"}],
+            COMPLEX: [pixels | {"kind": "complex", "name": "first"}],
+        }
+        elements = [*before[settings["display"]], stop]
+        changes = {"elements": elements, "planes": [_CONTRAST_PLANE_M], "propagation": "periodic"}
+        return preset.load("high-contrast").edit(changes)
+
+    def claims(self, results: Results, lasers: int) -> list[Claim]:
+        one, row, side, whole = ({"display": display} for display in self.displays)
+        beside = gain_claim(results, "two side by side beside a complex modulator", None, side, whole)
+        is_equal = abs(float(paired_gains(results, side, whole, "psnr_db").mean())) <= _EQUAL_DB
+        beside = replace(beside, published="any complex field", verdict=REPRODUCES if is_equal else CONTRADICTS)
+        return [
+            gain_claim(results, "two side by side beside one", None, side, one),
+            gain_claim(results, "two in a row beside one", None, row, one),
+            beside,
+            light_claim(results, lasers, self.displays),
+        ]
+
+
+_EQUAL_DB = 0.5  # within which displays are equal, as of other studies
+
+
 def _flat(scale: StudyScale) -> StudyScale:
     """The scale with one dark picture in one plane."""
     return replace(scale, targets=("night",), planes=1)
@@ -383,4 +429,4 @@ def _light_chart(results: Results, labels: list[str], cases: list[dict[str, Any]
     return bar_chart(labels, light, "share of the lasers' light")
 
 
-STUDIES = (_StaticMask(), _CoarseAmplitude(), _HighContrast(), _BinaryAmplitude())
+STUDIES = (_StaticMask(), _CoarseAmplitude(), _HighContrast(), _BinaryAmplitude(), _Michelson())
