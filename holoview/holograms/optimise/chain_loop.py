@@ -88,17 +88,13 @@ def iterate_chain(
     problem = ChainProblem(system, stack, settings, device)
     patterns, lasers = ChainPatterns(system, settings, start), FreeWavelengths(system.wavelengths_m, settings)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
-    make_best, digest = None, target_digest(stack)
+    make_best, begun = None, (system, settings, target_digest(stack))
     if resume is not None:
-        resume.check_matches(system, settings, digest, "checkpoint")
+        resume.check_matches(*begun, "checkpoint")
         amplitudes, done = resume.tensors["amplitudes"].astype(np.float64), resume.progress.iteration
         best, started = (resume.progress.best_loss, resume.progress.best_psnr_db), started - resume.progress.seconds
-        patterns.load(resume.tensors)
-        make_best = partial(_best_of, system, resume.tensors)
-        if "wavelengths" in settings.free:
-            stored, steps = resume.tensors, int(resume.tensors["wavelength_steps"][0])
-            lasers.load(stored["wavelengths"], stored["wavelength_moments"], steps)
-    if np.any(lasers.values_m != system.wavelengths_m):
+        make_best = _load(resume, patterns, lasers)
+    if "wavelengths" in settings.free:
         problem.set_wavelengths(lasers.values_m)
     for iteration in range(done, settings.iterations + 1):
         is_last = iteration == settings.iterations
@@ -115,17 +111,10 @@ def iterate_chain(
             best = (value, psnr_db)
             kept = {name: drive.detach().clone() for name, drive in shown.items()}
             make_best = _maker(problem.plan.nominal, kept, amplitudes.copy())
-        slopes = problem.wavelength_gradient(shown, found, amplitudes) if lasers.are_due(iteration) else None
-        if iteration == lasers.iterations > 0:
-            patterns.forget()
-        if not is_last and "patterns" in settings.free:
-            gradients = torch.autograd.grad(loss, patterns.variables)
-            patterns.step(gradients, lasers.pattern_step_scale(iteration))
+        if not is_last:
+            _take_steps(problem, patterns, lasers, iteration, loss, found, amplitudes)
         assert make_best is not None
         eyebox, seconds = problem.eyebox_variation(found, amplitudes), time.perf_counter() - started
-        if slopes is not None:
-            lasers.step(slopes, iteration)
-            problem.set_wavelengths(lasers.values_m)
         progress = CheckpointProgress(iteration + 1, seconds, *best, eyebox)
         yield IterationState(
             iteration=iteration,
@@ -138,10 +127,36 @@ def iterate_chain(
             seconds=seconds,
             make_best=make_best,
             picture=partial(problem.objective.picture, image[len(image) // 2]),
-            checkpoint=partial(
-                _checkpoint, system, settings, digest, progress, patterns, lasers, amplitudes, make_best
-            ),
+            checkpoint=partial(_checkpoint, *begun, progress, patterns, lasers, amplitudes, make_best),
         )
+
+
+def _take_steps(
+    problem: ChainProblem,
+    patterns: ChainPatterns,
+    lasers: FreeWavelengths,
+    iteration: int,
+    loss: Tensor,
+    found: ChainLight,
+    amplitudes: Floats,
+) -> None:
+    """Moves the patterns against the gradient of the loss, and the wavelengths when they are due."""
+    if lasers.are_due(iteration):
+        lasers.step(problem.wavelength_gradient(patterns.shown(), found, amplitudes), iteration)
+        problem.set_wavelengths(lasers.values_m)
+    if iteration == lasers.iterations > 0:
+        patterns.forget()
+    if "patterns" in problem.settings.free:
+        gradients = torch.autograd.grad(loss, patterns.variables)
+        patterns.step(gradients, lasers.pattern_step_scale(iteration))
+
+
+def _load(resume: Checkpoint, patterns: ChainPatterns, lasers: FreeWavelengths) -> Callable[[], Hologram]:
+    """Takes the unknowns of a checkpoint. Returns what makes its best hologram."""
+    patterns.load(resume.tensors)
+    if "wavelengths" in resume.settings.free:
+        lasers.load(resume.tensors, "wavelength_steps", 0)
+    return partial(_best_of, resume.system, resume.tensors)
 
 
 def _checkpoint(

@@ -102,8 +102,8 @@ class OptimisationVariables:
         self.amplitudes = state["amplitudes"].astype(np.float64)
         amplitude = self._amplitude_adam
         amplitude.first_moment, amplitude.second_moment = torch.from_numpy(state["amplitude_moments"].copy())
-        adam.step_count, amplitude.step_count, wavelength_steps = (int(n) for n in state["steps"])
-        self.wavelengths.load(state["wavelengths"], state["wavelength_moments"], wavelength_steps)
+        adam.step_count, amplitude.step_count = (int(n) for n in state["steps"][:2])
+        self.wavelengths.load(state, "steps", 2)
 
     def _step_amplitudes(self, gradient: Floats) -> None:
         """A step of the amplitudes' logarithms, whose gradient is a·∂L/∂a; lasers that are off stay off."""

@@ -15,7 +15,7 @@ the distance of the plane and δ, and −Σ ∂δ/∂λ·φ′·Im(W·c_W) is ad
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,10 +81,10 @@ class FreeWavelengths:
         """Adam's two moments (2, wavelength)."""
         return torch.stack([self.adam.first_moment, self.adam.second_moment]).numpy()
 
-    def load(self, values_m: NDArray[np.floating], moments: NDArray[np.floating], steps: int) -> None:
-        """Takes the wavelengths, moments and Adam's number of steps of a checkpoint."""
-        self.values_m, self.adam.step_count = values_m.astype(np.float64), steps
-        self.adam.first_moment, self.adam.second_moment = torch.from_numpy(moments.copy())
+    def load(self, tensors: Mapping[str, NDArray[np.floating]], steps: str, index: int) -> None:
+        """Takes wavelengths and moments of a checkpoint, and Adam's number of steps: an entry of its tensor `steps`."""
+        self.values_m, self.adam.step_count = tensors["wavelengths"].astype(np.float64), int(tensors[steps][index])
+        self.adam.first_moment, self.adam.second_moment = torch.from_numpy(tensors["wavelength_moments"].copy())
 
 
 def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
