@@ -40,7 +40,7 @@ from holoview.light.numerics.resample import upsample_nearest
 from holoview.light.optics.chain import pixel_transmission, placed
 from holoview.light.optics.frame_inputs import FrameInputs, check_drive
 from holoview.light.optics.slm import nearest_level, phasor
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 Result = TypeVar("Result")
@@ -66,7 +66,7 @@ def driven_name(system: System, name: str = "") -> str:
     driven = [own for own, e in named.items() if isinstance(e, PhaseModulator | AmplitudeModulator | ComplexModulator)]
     if name and name not in driven:
         found = f'"{name}"' + (f", of kind {named[name].kind}" if name in named else "")
-        raise UserError("--modulator", found, expected=", ".join(driven), remedy=suggest_matches(name, driven))
+        raise UserError("--modulator", found, expected=", ".join(driven))
     return name or driven[0]
 
 
