@@ -184,7 +184,8 @@ class _DynamicFourier(ChainStudy):
     displays = tuple(f"{there}, {frames} frames" for frames in (3, 9) for there in (_OPEN, _STATIC, _DYNAMIC))
 
     def describe_size(self, scale: StudyScale) -> str:
-        return replace(scale, planes=1).description
+        side = _SOURCES * (scale.shape[0] // 2)  # twice as many samples, as of all studies
+        return replace(scale, planes=1, shape=(side, side)).description
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         shared = {"lasers": 3, "depth": False, "eyebox": scale.eyebox or _EYEBOX}
