@@ -41,6 +41,9 @@ class ShaderInputs(Protocol):
     def is_sampled(self, modulator: int) -> bool:
         """Whether a modulator's transmission is given sample by sample."""
 
+    def shown_first(self, frame: int, modulator: int) -> int:
+        """The first frame in which a modulator has the same transmission."""
+
     def transmission(self, frame: int, modulator: int, wavelength: int) -> DeviceArray | None:
         """Complex transmission of a modulator's samples, (y, x); None if it isn't given sample by sample."""
 
@@ -88,7 +91,13 @@ DISPATCH_PARAMS = WgslStruct(
         ("weight", "f32"),  # factor of the intensity
     ],
 )
-WEIGHT = WgslStruct("Weight", [("weight", "f32")])  # factor of the intensity
+WEIGHT = WgslStruct(
+    "Weight",
+    [
+        ("weight", "f32"),  # factor of the intensity
+        ("first", "u32"),  # index of its first sample in a buffer of several
+    ],
+)
 BLEND = WgslStruct(
     "Blend",
     [

@@ -34,6 +34,7 @@ from holoview.light.engine.shader_structs import (
 )
 from holoview.light.gpu.device import Buffer, Device
 from holoview.light.gpu.fft import FftPlan
+from holoview.light.gpu.line_fft import Strategy
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch
 from holoview.light.gpu.shader import GeneratedWgsl, WgslStruct, link
 from holoview.light.gpu.tune import remembered_strategy
@@ -55,10 +56,14 @@ class GpuField:
 
 
 class WgpuExecutor:
-    """Computes a frame on a device. Raises UserError if the grid exceeds the device's limits."""
+    """Computes a frame on a device. Raises UserError if the grid exceeds the device's limits.
 
-    def __init__(self, plan: Plan, inputs: ShaderInputs, device: Device) -> None:
-        self.plan, self.inputs, self.device = plan, inputs, device
+    strategy: of the FFTs of single stages. Buffers of their tables have as labels what they hold: `wave WAVELENGTH
+    SOURCE`, `dense FRAME MODULATOR WAVELENGTH`, `transmit`, `support RELAY WAVELENGTH PLANE`, `pupil RELAY WAVELENGTH`.
+    """
+
+    def __init__(self, plan: Plan, inputs: ShaderInputs, device: Device, *, strategy: Strategy = "passes") -> None:
+        self.plan, self.inputs, self.device, self._strategy = plan, inputs, device, strategy
         self._fused: FusedFrame | None = None
         if not plan.way.is_chain:
             self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
@@ -115,11 +120,14 @@ class WgpuExecutor:
         values = partial(modulator_uniform, self.plan, modulator, wavelength)
         uniform = self._uniform(("modulator", modulator, wavelength), MODULATOR, values)
         stroke_m = 1.0 if self.plan.way.is_chain else self.plan.system.modulators[modulator].stroke_m
-        opd = self._stored(("opd", frame, modulator), lambda: self.inputs.stroke_fractions(frame, modulator, stroke_m))
-        is_dense, table = self.inputs.is_sampled(modulator), self._no_table
+        is_dense, opd, table = self.inputs.is_sampled(modulator), self._no_table, self._no_table
         if is_dense:
+            frame = self.inputs.shown_first(frame, modulator)
             samples = partial(dense_transmission, self.inputs, frame, modulator, wavelength)
             table = self._stored(("dense", frame, modulator, wavelength), samples)
+        else:
+            strokes = partial(self.inputs.stroke_fractions, frame, modulator, stroke_m)
+            opd = self._stored(("opd", frame, modulator), strokes)
         key = ("modulate", frame, modulator, wavelength, field.index)
         buffers = [opd, table, self._fields[field.index]]
         constants = {"is_dense": is_dense}
@@ -160,10 +168,20 @@ class WgpuExecutor:
 
     def accumulate(self, field: GpuField, plane: int, weight: float) -> None:
         """Add weight·|field|² to the intensity of a plane."""
-        params = self._uniform(("weight", weight), WEIGHT, lambda: {"weight": weight})
-        key = ("accumulate", field.index, plane, weight)
-        buffers = [self._fields[field.index], self._intensity[plane]]
-        self._record_stage(key, "stage/accumulate.wgsl", WEIGHT, [params], buffers, self.plan.grid.shape)
+        self.add_intensity(field, BufferRegion(self._intensity[plane]), weight)
+
+    def add_intensity(self, field: GpuField, to: BufferRegion, weight: float, *, accumulates: bool = True) -> None:
+        """Add weight·|field|² to an intensity in a buffer of several, or store it there."""
+        first = to.first * self._compositor.intensity_bytes // np.dtype(np.float32).itemsize
+        params = self._uniform(("weight", weight, first), WEIGHT, lambda: {"weight": weight, "first": first})
+        key = ("accumulate", field.index, to, weight, accumulates)
+        buffers, constants = [self._fields[field.index], to.buffer], {"accumulates": accumulates}
+        self._record_stage(key, "stage/accumulate.wgsl", WEIGHT, [params], buffers, self.plan.grid.shape, constants)
+
+    def set_aside(self, field: GpuField) -> None:
+        """Keep a field as it is: what is recorded from now on is computed in other memory."""
+        self._fields[field.index] = self._new_field(field.index)
+        self._dispatches = {}
 
     # --- results ----------------------------------------------------------------------------------------------------
 
@@ -237,12 +255,20 @@ class WgpuExecutor:
 
     @cached_property
     def _fft(self) -> FftPlan:
-        return FftPlan(self.device, self.plan.grid.padded)
+        return FftPlan(self.device, self.plan.grid.padded, strategy=self._strategy)
 
     @cached_property
     def _fields(self) -> list[Buffer]:
+        return [self._new_field(i) for i in (0, 1)]
+
+    @property
+    def field_bytes(self) -> int:
+        """Memory of a padded field."""
+        return self._fft.buffer_bytes
+
+    def _new_field(self, index: int) -> Buffer:
         size = " x ".join(map(str, reversed(self.plan.grid.padded)))
-        return [self.device.buffer(self._fft.buffer_bytes, f"padded field {i}, {size}") for i in (0, 1)]
+        return self.device.buffer(self.field_bytes, f"padded field {index}, {size}")
 
     @cached_property
     def _frequencies(self) -> list[Buffer]:
@@ -268,16 +294,16 @@ class WgpuExecutor:
             self._recorder = CommandRecorder(self.device, "frame")
         return self._recorder
 
-    def _uniform(self, key: Hashable, struct: WgslStruct, values: Callable[[], UniformValues]) -> Buffer:
+    def _uniform(self, key: tuple[Hashable, ...], struct: WgslStruct, values: Callable[[], UniformValues]) -> Buffer:
         """The uniform buffer of a key; its values are computed at the first call only."""
         if key not in self._buffers:
-            self._buffers[key] = self.device.uniform(struct.pack(**values()), struct.name)
+            self._buffers[key] = self.device.uniform(struct.pack(**values()), _label(key))
         return self._buffers[key]
 
-    def _stored(self, key: Hashable, array: Callable[[], NDArray[np.generic]]) -> Buffer:
+    def _stored(self, key: tuple[Hashable, ...], array: Callable[[], NDArray[np.generic]]) -> Buffer:
         """The storage buffer of a key; its array is computed at the first call only."""
         if key not in self._buffers:
-            self._buffers[key] = self.device.upload(np.ascontiguousarray(array()), str(key))
+            self._buffers[key] = self.device.upload(np.ascontiguousarray(array()), _label(key))
         return self._buffers[key]
 
     def _record_stage(
@@ -298,6 +324,11 @@ class WgpuExecutor:
             groups = [[self._grid, *uniforms], list(buffers)]
             self._dispatches[key] = Dispatch.bind(self.device, pipeline, groups, workgroups)
         self._recording().add(self._dispatches[key])
+
+
+def _label(key: tuple[Hashable, ...]) -> str:
+    """The label of the buffer of a key, such as "dense 0 1 2"."""
+    return " ".join(map(str, key))
 
 
 def _complex64(samples: DeviceArray) -> NDArray[np.complex64]:

@@ -62,6 +62,14 @@ class ChainTransmissions:
         """Always."""
         return True
 
+    def shown_first(self, frame: int, number: int) -> int:
+        """The first frame of `plan.system` with the transmission of a step of the way: of a static one the first."""
+        element = self._plan.way.transmissions[number].element
+        if not (isinstance(element, Pixels) and element.is_driven):
+            return 0
+        is_shared = len(self._drive(element)) == 1 and not self._plan.nominal.effects
+        return 0 if is_shared else frame
+
     def sampled_transmission(self, frame: int, number: int, wavelength: int) -> Tensor:
         """The transmission (y, x) complex128 of the samples at a step of the way; the first lets in the source."""
         first, *others = self.arms(frame, number, wavelength)
@@ -111,6 +119,11 @@ class ChainTransmissions:
         drive, (shown, moment) = self._drive(element), divmod(frame, len(self._plan.moments))
         frames = (shown, shown - 1, 0)  # they repeat
         return [drive[f if len(drive) > 1 else 0] for f in frames], self._plan.moments[moment]
+
+    def sent(self, element: Pixels, frame: int) -> Tensor:
+        """What an element is sent in a frame of `plan.system` (rows, columns): of real patterns the nearest levels."""
+        pattern = self.patterns(element, frame)[0][0]
+        return pattern if isinstance(element, ComplexModulator) else nearest_level(pattern.double(), element)  # type: ignore[arg-type]
 
     def _of_driven(self, element: Pixels, frame: int, wavelength: int) -> Tensor:
         """The transmission (y, x) of the samples of an element that shows patterns, in a frame of `plan.system`."""

@@ -99,6 +99,12 @@ class FrameInputs:
         """Whether the transmission of a modulator isn't exp(2πi·opd/λ) of its pixels."""
         return self.sampled_transmissions is not None and self.sampled_transmissions.is_sampled(modulator)
 
+    def shown_first(self, frame: int, modulator: int) -> int:
+        """The first frame in which a modulator has the same transmission, as far as the bench tells."""
+        if self.plan.way.is_chain:
+            return self.sampled_transmissions.shown_first(frame, modulator)  # type: ignore[union-attr]
+        return frame
+
     def transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
         """The transmission (y, x) complex128 of a modulator's samples; None if it is exp(2πi·opd/λ) of its pixels."""
         if self.sampled_transmissions is None:

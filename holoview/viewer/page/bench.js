@@ -61,8 +61,8 @@ function halfSideBins(square, λ, padded, upsample, pitch) {
 
 // The frequencies that a relay's stops pass at a wavelength (passband.stop_rows).
 function stopRows(bench, relay, λ) {
-    const { padded, upsample } = bench.grid
-    const pitch = bench.pixel_pitch_m
+    const { padded } = bench.grid
+    const { samples: upsample, pitch_m: pitch } = relay.order
     const [stepY, stepX] = padded.map(n => λ * (1.0 / (n * (pitch / upsample))))
     const [rowCount, columns] = padded
     const rows = rowsOf(rowCount)

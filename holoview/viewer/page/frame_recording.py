@@ -52,9 +52,10 @@ little-endian. Phases are in turns, in fixed point: 32 bits and 16 guard bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,12 +75,12 @@ from holoview.light.engine.shader_structs import (
     ShaderInputs,
 )
 from holoview.light.gpu.adapter import AdapterInfo
-from holoview.light.gpu.device import Device
+from holoview.light.gpu.device import Buffer, Device
 from holoview.light.gpu.line_fft import Strategy, supported_strategies
 from holoview.light.gpu.recorder import CommandRecorder
 from holoview.light.gpu.shader import WgslStruct
 from holoview.light.model import preset
-from holoview.light.model.bench_parts import Relay
+from holoview.light.model.drives import complex_names
 from holoview.light.model.effects.registry import ActiveEffects
 from holoview.light.model.eye import Eye
 from holoview.light.model.focus import focused_planes
@@ -89,6 +90,13 @@ from holoview.light.observers import observer_rows
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
+from holoview.viewer.page.chain_recording import (
+    ElementNumbers,
+    StagedBeams,
+    element_numbers,
+    has_pupils,
+    space_numbers,
+)
 
 FORMAT, VERSION = "holoview-frame-recording", "1"
 DEFAULT_LIMITS = {
@@ -251,6 +259,10 @@ class RecordingDevice(Device):
         self.gpu = _RecordingGpu()
         super().__init__(self.gpu, AdapterInfo("a recording", "Other", "WebGPU", ""), limits)
 
+    def upload(self, array: NDArray[Any], label: str) -> Buffer:
+        """A storage buffer with the contents of an array; zeros aren't kept."""
+        return super().upload(array, label) if array.any() else self.buffer(array.nbytes, label)
+
     def check_alive(self) -> None:
         """Nothing: a recording isn't lost."""
 
@@ -291,32 +303,26 @@ def _record(device: RecordingDevice, recorded: Frame, first_content: int) -> dic
     buffer, and precede each `intensity`.
     """
     plan = recorded.plan
-    frame = FusedFrame(plan, recorded.inputs, device, strategy=recorded.strategy)
-    frame.tables.set_plane(len(plan.planes) - 1)
     compositor = Compositor(device, plan.grid.shape)
     lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
     sources = range(len(plan.slopes))
-    field_bytes = frame.rows_bytes(frame.kept)
-    is_kept = field_bytes * len(lit) * len(sources) <= _KEPT_BYTES
+    beams = (StagedBeams if plan.way.is_chain else _FusedBeams)(
+        device, plan, recorded.inputs, recorded.strategy, len(lit) * len(sources), _KEPT_BYTES
+    )
     steps: list[dict[str, Any]] = []
 
-    def step(name: str, recorder: CommandRecorder, **place: int) -> None:
+    def step(name: str, submit: Callable[[], None], **place: int) -> None:
         device.gpu.submitted = []
-        recorder.submit()
+        submit()
         steps.append({"name": name, **place, "dispatches": device.gpu.submitted})
 
     intensities, of_each = _intensity_buffers(compositor, lit)
     for f, w in lit:
         for source in sources:
-            span = WavelengthSpan(f, source, w)
-            target = frame.allocate_rows(f"field {f} {source} {w}", frame.kept) if is_kept else None
-            recorder = CommandRecorder(device)
-            first = frame.record_first_modulator(recorder, span, target if plan.system.gap_m is None else None)
-            kept = frame.record_second_modulator(recorder, span, first, target)
-            step("field", recorder, frame=f, source=source, wavelength=w)
-            recorder = CommandRecorder(device)
-            frame.record_intensity(recorder, span, kept, of_each[f, w], accumulates=source > 0)
-            step("intensity", recorder, frame=f, source=source, wavelength=w)
+            span, place = WavelengthSpan(f, source, w), {"frame": f, "source": source, "wavelength": w}
+            step("field", partial(beams.record_field, span), **place)
+            store = partial(beams.record_intensity, span, of_each[f, w], accumulates=source > 0)
+            step("intensity", store, **place)
     xyz, srgb = compositor.xyz_buffer("XYZ"), compositor.srgb_buffer("sRGB")
     for number, buffer in enumerate(intensities):
         terms = [
@@ -326,12 +332,41 @@ def _record(device: RecordingDevice, recorded: Frame, first_content: int) -> dic
         ]
         recorder = CommandRecorder(device)
         compositor.composite(recorder, buffer, terms, xyz, base=xyz if number else None)
-        step("composite", recorder)
+        step("composite", recorder.submit)
     recorder = CommandRecorder(device)
     compositor.encode_srgb(recorder, xyz, srgb)
-    step("show", recorder)
+    step("show", recorder.submit)
     regions = [[f, w, intensities.index(region.buffer), region.first] for (f, w), region in of_each.items()]
-    return _assembled(device, recorded, compositor, steps, regions, is_kept, first_content)
+    return _assembled(device, recorded, compositor, steps, regions, beams.is_kept, first_content)
+
+
+class _FusedBeams:
+    """Records the light of a short form by fused kernels, as `StagedBeams` does that of a chain."""
+
+    def __init__(
+        self, device: Device, plan: Plan, inputs: ShaderInputs, strategy: Strategy, count: int, most_bytes: int
+    ) -> None:
+        self._device, self._plan = device, plan
+        self._frame = FusedFrame(plan, inputs, device, strategy=strategy)
+        self._frame.tables.set_plane(len(plan.planes) - 1)
+        self.is_kept = self._frame.rows_bytes(self._frame.kept) * count <= most_bytes
+        self._kept: BufferRegion | None = None
+
+    def record_field(self, span: WavelengthSpan) -> None:
+        """Submits the light behind the last modulator."""
+        frame, recorder, target = self._frame, CommandRecorder(self._device), None
+        if self.is_kept:
+            target = frame.allocate_rows(f"field {span.frame} {span.source} {span.wavelength}", frame.kept)
+        first = frame.record_first_modulator(recorder, span, target if self._plan.system.gap_m is None else None)
+        self._kept = frame.record_second_modulator(recorder, span, first, target)
+        recorder.submit()
+
+    def record_intensity(self, span: WavelengthSpan, to: BufferRegion, *, accumulates: bool) -> None:
+        """Submits the intensity of the last light at the focal plane."""
+        assert self._kept is not None
+        recorder = CommandRecorder(self._device)
+        self._frame.record_intensity(recorder, span, self._kept, to, accumulates=accumulates)
+        recorder.submit()
 
 
 def _intensity_buffers(
@@ -389,7 +424,7 @@ def pack_contents(arrays: Sequence[bytes]) -> tuple[list[int | None], list[dict[
     known: dict[bytes, int] = {}
     out = bytearray()
     for raw in arrays:
-        if not any(raw):
+        if raw.count(0) == len(raw):
             of_each.append(None)
             continue
         if raw not in known:
@@ -443,33 +478,49 @@ def page_document(
     name: on the page. plane_m: the nominal focal plane that it opens with. plane_range_m: the nearest and the farthest
     that it can show. Raises UserError for a bench that can't be rendered, or beyond WebGPU's limits.
     """
-    hologram.system.require_short_form("a page")
     planes_m = [*focused_planes(hologram.system), max(plane_range_m, key=abs), plane_m]
     plan = make_plan(hologram.system, planes_m)
     inputs = FrameInputs(plan, hologram.drive)
-    quick = None if inputs.sampled_transmissions is not None else _quick_plan(plan, planes_m)
+    is_sampled = not plan.way.is_chain and inputs.sampled_transmissions is not None
+    quick = None if is_sampled else _quick_plan(plan, planes_m)
     frames = strategies(Frame(plan, inputs))
     if quick is not None:
         frames.insert(0, Frame(quick, FrameInputs(quick, hologram.drive), is_quick=True))
-    patterns = np.ascontiguousarray(hologram.drive, dtype=_drive_type(hologram.system))
-    pixels = patterns.reshape(-1, *patterns.shape[2:])
-    recordings = record_frames(frames, [pattern.tobytes() for pattern in pixels])
+    patterns = _patterns(hologram)
+    elements = element_numbers(plan, inputs) if plan.way.is_chain else ElementNumbers()
+    recordings = record_frames(frames, [array.tobytes() for array in (*patterns, *elements.arrays)])
+    bench = bench_numbers(plan, plane_range_m, is_sampled=is_sampled)
     document = {
         "name": name,
         "toml": preset.dumps(hologram.system),
-        "bench": bench_numbers(plan, plane_range_m, is_sampled=inputs.sampled_transmissions is not None),
+        "bench": bench | {"elements": elements.named(recordings.also[len(patterns) :])},
         "quick": None if quick is None else _grid_numbers(quick),
         "structs": {struct.name: _layout(struct) for struct in _STRUCTS},
         "contents": recordings.contents,
-        "patterns": recordings.also,
+        "patterns": recordings.also[: len(patterns)],
     }
     return document, recordings.heads, recordings.data
+
+
+def _patterns(hologram: Hologram) -> list[NDArray[Any]]:
+    """The patterns (y, x) of a hologram, by frame and modulator; of a chain by element and frame."""
+    system = hologram.system
+    if system.is_chain:
+        drives = [np.ascontiguousarray(each, _chain_type(system, name)) for name, each in hologram.drive.items()]
+        return [pattern for drive in drives for pattern in drive]
+    patterns = np.ascontiguousarray(hologram.drive, dtype=_drive_type(system))
+    return list(patterns.reshape(-1, *patterns.shape[2:]))
+
+
+def _chain_type(system: System, name: str) -> np.dtype[Any]:
+    """The type of the patterns of an element."""
+    return np.dtype(np.complex64 if name in complex_names(system) else np.float32)
 
 
 def _quick_plan(plan: Plan, planes_m: Sequence[float]) -> Plan | None:
     """The plan of a preview, padded by the light's walk-off only; None where it wouldn't be much faster or as true."""
     system = plan.nominal
-    if system.sampling.propagation != "linear" or system.effects or _has_pupils(system):
+    if system.sampling.propagation != "linear" or system.effects or has_pupils(system) or system.way.kernels:
         return None
     if plan.grid.padded[0] * plan.grid.padded[1] < _QUICK_SAMPLES:
         return None
@@ -479,14 +530,23 @@ def _quick_plan(plan: Plan, planes_m: Sequence[float]) -> Plan | None:
 def read_document(document: dict[str, Any], data: bytes) -> Hologram:
     """The hologram of a page's document. Raises UserError, KeyError, TypeError or ValueError for a damaged one."""
     system = preset.loads(document["toml"], "the page's bench")
-    parts, numbers, shape = document["contents"], document["patterns"], system.drive_shape
-    if len(numbers) != shape[0] * shape[1]:
-        raise ValueError(f"{len(numbers)} patterns, expected {shape[0] * shape[1]}")
-    dtype = _drive_type(system)
-    size = dtype.itemsize * shape[2] * shape[3]
-    require_memory("the page's hologram", 3 * size * len(numbers))
-    patterns = [bytes(size) if number is None else unpack_content(parts[number], data) for number in numbers]
-    return Hologram(np.frombuffer(b"".join(patterns), dtype).reshape(shape), system)
+    parts, numbers = document["contents"], list(document["patterns"])
+    shapes = (
+        system.drive_shapes if system.is_chain else {"": (math.prod(system.drive_shape[:2]), *system.drive_shape[2:])}
+    )
+    total = sum(count for count, *_ in shapes.values())
+    if len(numbers) != total:
+        raise ValueError(f"{len(numbers)} patterns, expected {total}")
+
+    def drive(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+        size, own = dtype.itemsize * math.prod(shape[1:]), [numbers.pop(0) for _ in range(shape[0])]
+        require_memory("the page's hologram", 3 * size * len(own))
+        patterns = [bytes(size) if number is None else unpack_content(parts[number], data) for number in own]
+        return np.frombuffer(b"".join(patterns), dtype).reshape(shape)
+
+    if not system.is_chain:
+        return Hologram(drive(shapes[""], _drive_type(system)).reshape(system.drive_shape), system)
+    return Hologram({name: drive(shape, _chain_type(system, name)) for name, shape in shapes.items()}, system)
 
 
 def _drive_type(system: System) -> np.dtype[Any]:
@@ -504,30 +564,36 @@ def bench_numbers(plan: Plan, plane_range_m: tuple[float, float], *, is_sampled:
     transmission is given sample by sample, so that wavelengths can't be moved.
     """
     system, nominal = plan.system, plan.nominal
-    has_pupils, count = _has_pupils(nominal), len(system.wavelengths_m)
+    is_fixed, count = has_pupils(nominal), len(system.wavelengths_m)
     gaps_m = gap_range(nominal, plane_range_m)
-    return _grid_numbers(plan, is_sampled=is_sampled) | {
-        "wavelengths_m": system.wavelengths_m.tolist(),
-        "nominal_wavelengths_m": nominal.wavelengths_m.tolist(),
-        "laser_of": [plan.laser_of(wavelength) for wavelength in range(count)],
-        "weights": plan.weights.tolist(),
-        "strokes_m": [modulator.stroke_m for modulator in system.modulators],
-        "gap_m": system.gap_m,
-        "nominal_gap_m": nominal.gap_m,
-        "true_planes": _true_distances(nominal, "planes", plane_range_m),
-        "true_gaps": None if gaps_m is None else _true_distances(nominal, "gap", gaps_m),
-        "planes_m": nominal.planes_m.tolist(),
-        "sines": source_sines(system).tolist(),
-        "pixel_pitch_m": system.modulators[0].pitch_m,
-        "relays": [_relay(relay) for relay in plan.relays],
-        "eye": None if nominal.eye is None else _eye(nominal.eye, nominal.field_m, nominal.planes_m),
-        "observer": observer_table(system.observer),
-        "fixed": {
-            "wavelengths": bool(is_sampled or has_pupils or nominal.effects),
-            "powers": bool(ActiveEffects(nominal.effect_values).with_hooks("laser_power")),
-            "pupil": has_pupils,
-        },
-    }
+    own: dict[str, Any] = {"strokes_m": [modulator.stroke_m for modulator in system.modulators]}
+    if plan.way.is_chain:
+        own = space_numbers(plan)
+    return (
+        _grid_numbers(plan, is_sampled=is_sampled)
+        | own
+        | {
+            "is_chain": plan.way.is_chain,
+            "wavelengths_m": system.wavelengths_m.tolist(),
+            "nominal_wavelengths_m": nominal.wavelengths_m.tolist(),
+            "laser_of": [plan.laser_of(wavelength) for wavelength in range(count)],
+            "weights": plan.weights.tolist(),
+            "gap_m": system.gap_m,
+            "nominal_gap_m": nominal.gap_m,
+            "true_planes": _true_distances(nominal, "planes", plane_range_m),
+            "true_gaps": None if gaps_m is None else _true_distances(nominal, "gap", gaps_m),
+            "planes_m": nominal.planes_m.tolist(),
+            "sines": source_sines(system).tolist(),
+            "relays": [_relay(plan, relay) for relay in range(len(plan.relays))],
+            "eye": None if nominal.eye is None else _eye(nominal.eye, nominal.field_m, nominal.planes_m),
+            "observer": observer_table(system.observer),
+            "fixed": {
+                "wavelengths": bool(is_sampled or is_fixed or nominal.effects),
+                "powers": bool(ActiveEffects(nominal.effect_values).with_hooks("laser_power")),
+                "pupil": is_fixed,
+            },
+        }
+    )
 
 
 def gap_range(system: System, plane_range_m: tuple[float, float]) -> tuple[float, float] | None:
@@ -566,14 +632,8 @@ def _grid_numbers(plan: Plan, *, is_sampled: bool = False) -> dict[str, Any]:
     return {
         "grid": {"shape": grid.shape, "padded": grid.padded, "pitch_m": grid.pitch_m, "upsample": grid.upsample},
         "propagation": plan.system.sampling.propagation,
-        "bands": frame_shape(plan, has_plain_pixels=not is_sampled).bands,
+        "bands": None if plan.way.is_chain else frame_shape(plan, has_plain_pixels=not is_sampled).bands,
     }
-
-
-def _has_pupils(system: System) -> bool:
-    """Whether a relay or the eye has a pupil function, which Python computes for the file's wavelengths."""
-    relays = any(relay.aberration_m or relay.apodisation_na is not None for relay in (system.relay1, system.relay2))
-    return relays or (system.eye is not None and system.eye.has_pupil_function)
 
 
 def observer_table(observer: str) -> dict[str, Any]:
@@ -587,12 +647,16 @@ def observer_table(observer: str) -> dict[str, Any]:
     return {"first_nm": float(nm[0]), "table": rows.tolist(), "matrix": None}
 
 
-def _relay(relay: Relay) -> dict[str, Any]:
+def _relay(plan: Plan, number: int) -> dict[str, Any]:
+    """The stops of a relay, and the pixels whose first order they name: their pitch, and how many samples it is."""
+    relay, order_m = plan.relays[number], plan.order_m(number)
     return {
         "iris_na": relay.iris_na,
         "centre_na": list(relay.centre_na),
         "square": None if relay.square is None else {k: v for k, v in asdict(relay.square).items() if k != "of"},
         "dc_block_na": relay.dc_block_na,
+        "is_kernel": plan.way.kernel(number) is not None,
+        "order": {"pitch_m": order_m, "samples": round(order_m / plan.grid.pitch_m)},
     }
 
 

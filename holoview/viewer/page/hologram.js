@@ -13,6 +13,8 @@ function packStruct(layout, values) {
     return new Uint8Array(view.buffer)
 }
 
+const NOT_HELD = "at this wavelength light passes the stops that the recorded kernels don't compute: move it less."
+
 class LiveHologram {
     // bench: the numbers of the recordings' plan. heads: the recordings, one for each strategy. open: a recording's
     // replay, with its buffers filled; it is called when the first image is computed.
@@ -34,7 +36,7 @@ class LiveHologram {
         this.written = new Map() // table and wavelength → what its contents were computed from
         this.done = new Map() // step → what its result was computed from
         this.xyz = null
-        this.bench.wavelengths_m.forEach((λ, w) => { // as Python wrote them
+        if (!this.bench.is_chain) this.bench.wavelengths_m.forEach((λ, w) => { // as Python wrote them
             this.written.set(`propagations 0|${w}`, `${λ}|${this.bench.nominal_gap_m}|`)
             this.written.set(`support 0|${w}`, `${λ}|${this.bench.nominal_gap_m}|`)
             if (head.plane_m === null) return
@@ -81,8 +83,14 @@ class LiveHologram {
         return this.stops.get(key)
     }
 
+    // Why the page can't compute a laser at its wavelength, a sentence; "" where it can.
+    whyUnheld(wavelengths_m, laser) {
+        if (this.bench.is_chain) return whyUnheld(this.bench, wavelengths_m)
+        return this.isInBands(wavelengths_m[laser]) ? "" : NOT_HELD
+    }
+
     // Whether the kernels, which were generated for a band of frequencies, compute all that passes at a wavelength.
-    canHold(λ) {
+    isInBands(λ) {
         return this.bench.relays.every((_, relay) => {
             const rows = this.stopsAt(relay, λ)
             const [[lowY, highY], [lowX, highX]] = this.bench.bands[relay]
@@ -105,6 +113,45 @@ class LiveHologram {
     // The wavelength of a spectral line in a state: lasers are moved only where each is one line at its nominal wavelength.
     wavelength(state, w) {
         return this.bench.fixed.wavelengths ? this.bench.wavelengths_m[w] : state.wavelengths_m[w]
+    }
+
+    // The distance of a relay of a chain; the last one leads to the planes, told from where the bench tells them.
+    distanceOf(state, relay) {
+        const { relays, spaces, distances_m, behind, true_planes } = this.bench
+        const total = names => names.reduce((sum, name) => sum + state.spaces[name], 0)
+        if (relay === relays.length - 1) return trueDistance(true_planes, state.plane_m) - behind.fixed_m - total(behind.spaces)
+        const own = spaces.filter(space => space.relay === relay)
+        return own.length ? total(own.map(({ name }) => name)) : distances_m[relay]
+    }
+
+    // Fills the tables of a beam of a chain.
+    fillBeam(state, frame, w) {
+        const λ = this.wavelength(state, w)
+        const { bench, structs } = this
+        if (λ !== bench.wavelengths_m[w] || this.written.has(`light|${w}`)) {
+            this.written.set(`light|${w}`, true)
+            bench.sines.forEach((of, source) => this.fill(`wave ${w} ${source}`, 0, λ, () => packStruct(structs.PlaneWave, planeWave(bench, of[w], λ).uniform)))
+        }
+        bench.elements?.forEach((element, number) => {
+            const shown = element.patterns?.length > 1 ? frame : 0
+            const array = ref => (ref.data === null ? null : new Float32Array(this.replay.content(ref.data).slice().buffer))
+            this.fill(`dense ${shown} ${number} ${w}`, 0, λ, () => transmission(bench, element, array, shown, λ))
+        })
+        const kernels = bench.elements?.filter(({ place }) => place === "before") ?? []
+        bench.relays.forEach((each, relay) => {
+            if (each.is_kernel) {
+                const element = kernels.shift()
+                if (element) this.fill(`pupil ${relay} ${w}`, 0, λ, () => fourierKernel(bench, element, λ))
+                return
+            }
+            const eye = relay === bench.relays.length - 1 ? state.eye : null
+            const distance = this.distanceOf(state, relay)
+            let values = null
+            const compute = () => (values ??= transfer(bench, this.stopsAt(relay, λ), λ, distance, eye))
+            const key = `${λ}|${distance}|${JSON.stringify(eye)}`
+            this.fill(`transmit ${relay} ${w} 0`, 0, key, () => packStruct(structs.Propagation, compute().uniform))
+            this.fill(`support ${relay} ${w} 0`, 0, key, () => new Uint8Array(compute().support.buffer))
+        })
     }
 
     fillWavelength(state, w) {
@@ -139,7 +186,7 @@ class LiveHologram {
     // The frames and wavelengths with light in a state whose results are stale, each with the keys of field and intensity.
     stale(state) {
         return this.replay.head.lit.filter(([frame, w]) => this.power(state, frame, w)).map(([frame, w]) => {
-            const field = `${this.wavelength(state, w)}|${state.gap_m}`
+            const field = `${this.wavelength(state, w)}|${state.gap_m}|${JSON.stringify(state.spaces)}`
             return { frame, w, field, key: `${field}|${state.plane_m}|${JSON.stringify(state.eye)}` }
         }).filter(({ frame, w, key }) => this.done.get(`${frame}|${w}`) !== key)
     }
@@ -151,7 +198,8 @@ class LiveHologram {
         for (const { frame, w, field, key } of this.stale(state)) {
             if (isOutdated && submitted++ % 2 === 1) await device.queue.onSubmittedWorkDone()
             if (isOutdated?.()) return false
-            this.fillWavelength(state, w)
+            if (this.bench.is_chain) this.fillBeam(state, frame, w)
+            else this.fillWavelength(state, w)
             const name = `${frame}|${w}`
             const fields = this.ofPair("field")(frame, w)
             const intensities = this.ofPair("intensity")(frame, w)

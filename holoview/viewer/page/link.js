@@ -7,6 +7,9 @@ const LENGTH_EXAMPLE = "a length with its unit, such as 9.7mm"
 function toHash(state, bench) {
     const parts = [`plane=${+(state.plane_m * 1e3).toPrecision(8)}mm`]
     if (state.gap_m !== bench.nominal_gap_m) parts.push(`gap=${+(state.gap_m * 1e3).toPrecision(8)}mm`)
+    for (const { name, nominal_m } of bench.spaces ?? []) {
+        if (state.spaces[name] !== nominal_m) parts.push(`space.${encodeURIComponent(name)}=${+(state.spaces[name] * 1e3).toPrecision(8)}mm`)
+    }
     if (state.exposure !== PAGE.exposure) parts.push(`exposure=${state.exposure}`)
     const add = (prefix, { lasers, powers, wavelengths_m }, bench) => {
         lasers.forEach((on, i) => on || parts.push(`laser${prefix}${i + 1}=off`))
@@ -55,6 +58,11 @@ function lengthOf(text) {
 function addPart(changes, part, state) {
     const refuse = expected => {
         throw new Refusal(`“${part.slice(0, 60)}” isn't understood; expected ${expected}.`)
+    }
+    const space = part.match(/^space\.([^=]+)=(.*)$/)
+    if (space) {
+        (changes.spaces ??= {})[space[1]] = lengthOf(space[2]) ?? refuse(LENGTH_EXAMPLE)
+        return
     }
     const [, name, number, text] = part.match(/^([a-z_]+?)([\d.]*)=(.*)$/) ?? refuse(`for example ${LINK_EXAMPLE}`)
     const plain = () => (/^-?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/.test(text) ? Number(text) : refuse("a number"))

@@ -1,6 +1,7 @@
 """The state of a page as the end of its address, `out.html#plane=9.7mm&gap=2.1mm&laser3=off`, applied to a hologram.
 
 plane, gap                  focal plane and gap, with a unit of length
+space.NAME                  of a chain of elements the length of a space, by its name
 laser3=off                  the third laser is off
 power3, wavelength3         factor on its power, and its wavelength
 laser2.3=off                the third laser of the second hologram, which isn't opened
@@ -19,7 +20,9 @@ from typing import Any
 from urllib.parse import unquote
 
 from holoview.holograms.hologram import Hologram
+from holoview.light.model.elements import Space
 from holoview.light.model.focus import parse_plane, required_eye
+from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -67,6 +70,9 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
         number = key[len(name) :]
         if not equals:
             raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
+        if key.startswith("space."):
+            edits[f"elements.{_space(system, part, key.removeprefix('space.'))}.distance"] = value
+            continue
         if name in _OF_LASERS and _is_of_another(number):
             continue
         if name in _OF_LASERS:
@@ -93,6 +99,17 @@ def shown_by_link(hologram: Hologram, state: str) -> Shown:
             raise UserError("link", f'"{part[:40]}"', expected=_EXPECTED)
     lasers = {"wavelengths": wavelengths, "amplitudes": amplitudes}
     return Shown(Hologram(hologram.drive, system.edit(edits | lasers)), plane_m, region)
+
+
+def _space(system: System, part: str, name: str) -> str:
+    """The name of a space of a chain. Raises UserError for another element, and for a bench that is no chain."""
+    named = dict(zip(system.element_names, system.elements, strict=True)) if system.is_chain else {}
+    spaces = [known for known, e in named.items() if isinstance(e, Space) and e.distance_m is not None]
+    if name not in spaces:
+        raise UserError(
+            "link", f'"{part[:40]}"', expected=f"a space of the bench: {', '.join(spaces) or 'it has none'}"
+        )
+    return name
 
 
 def _is_of_another(number: str) -> bool:

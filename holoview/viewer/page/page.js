@@ -3,7 +3,6 @@
 const PAGE = JSON.parse($("holoview-page").textContent)
 const WHOLE_MM = metres => `${(metres * 1e3).toPrecision(4)} mm`
 const SVG = "http://www.w3.org/2000/svg"
-const NOT_HELD = "at this wavelength light passes the stops that the recorded kernels don't compute: move it less."
 const QUICK = "Quick image; the exact one follows …"
 const PUPIL_RANGE_M = [0.5e-3, 12e-3] // of its diameter
 
@@ -13,6 +12,7 @@ function firstState(bench) {
     return {
         plane_m: PAGE.plane_m ?? bench.planes_m[Math.floor(bench.planes_m.length / 2)],
         gap_m: bench.nominal_gap_m,
+        spaces: firstSpaces(bench),
         exposure: PAGE.exposure,
         ...firstLasers(bench),
         eye: bench.eye && { ...bench.eye },
@@ -22,6 +22,12 @@ function firstState(bench) {
         others: Object.fromEntries(PAGE.holograms.flatMap((each, i) => (isOwn(i) ? [[i + 1, firstLasers(each.bench)]] : []))),
     }
 }
+
+// The lengths of the spaces of a chain that a page can change, by their names.
+const firstSpaces = bench => Object.fromEntries((bench.spaces ?? []).map(space => [space.name, space.nominal_m]))
+
+// How far the last element of a chain lies behind that from which planes are told, in a state.
+const behindOf = (bench, state) => (bench.behind ? bench.behind.spaces.reduce((sum, name) => sum + state.spaces[name], bench.behind.fixed_m) : 0)
 
 const firstLasers = bench => ({
     lasers: bench.nominal_wavelengths_m.map(() => true),
@@ -63,9 +69,12 @@ function changed(state, bench, changes) {
     const isObject = value => typeof value === "object" && value !== null
     const isOther = ([name, lasers]) => state.others[name] && isObject(lasers) &&
         Object.entries(lasers).every(([key, value]) => laserRules(PAGE.holograms[name - 1].bench)[key]?.[0](value))
+    const isSpace = (name, value) => bench.spaces?.some(space => space.name === name && isNumber(value, ...space.range_m))
     const rules = {
         plane_m: [value => isNumber(value, ...PAGE.plane_range_m), `metres from ${PAGE.plane_range_m.join(" to ")}`],
         gap_m: [value => bench.nominal_gap_m !== null && isNumber(value, ...PAGE.gap_range_m), "metres of a gap that this bench can have"],
+        spaces: [value => isObject(value) && Object.entries(value).every(([name, each]) => isSpace(name, each)),
+            (bench.spaces ?? []).map(({ name, range_m }) => `metres from ${range_m.join(" to ")} of ${name}`).join(", ") || "none: of this bench no space can be changed here"],
         exposure: [value => isNumber(value, -20, 20), "stops from −20 to 20"],
         ...laserRules(bench),
         others: [value => isObject(value) && Object.entries(value).every(isOther),
@@ -78,11 +87,12 @@ function changed(state, bench, changes) {
     for (const [name, value] of Object.entries(changes)) {
         if (!rules[name]) refuse(name, `one of ${Object.keys(rules).join(", ")}`)
         if (!rules[name][0](value)) refuse(name, rules[name][1])
-        next[name] = name === "eye" ? { ...state.eye, ...value } : Array.isArray(value) ? [...value] : value
+        next[name] = ["eye", "spaces"].includes(name) ? { ...state[name], ...value } : Array.isArray(value) ? [...value] : value
         if (name !== "others") continue
         next.others = { ...state.others }
         for (const [i, lasers] of Object.entries(value)) next.others[i] = { ...state.others[i], ...structuredClone(lasers) }
     }
+    if (next.plane_m < behindOf(bench, next)) refuse("plane_m", `${WHOLE_MM(behindOf(bench, next))} or more, where the last element stands`)
     if (next.eye && !isNumber(next.eye.pupil_m, ...PUPIL_RANGE_M)) refuse("eye.pupil_m", `metres from ${PUPIL_RANGE_M.join(" to ")}`)
     return next
 }
@@ -118,9 +128,14 @@ class Viewer {
 
     // Throws a Refusal for wavelengths that a link or a program asks for, and that the recordings can't compute.
     requireHeld(state) {
-        this.holograms.forEach(({ full }, index) => lasersOf(state, index).wavelengths_m.forEach((λ, i) => {
-            if (λ !== full.bench.nominal_wavelengths_m[i] && !full.canHold(λ)) throw new Refusal(`wavelength ${i + 1}: ${NOT_HELD}`)
-        }))
+        this.holograms.forEach(({ full }, index) => {
+            const { wavelengths_m } = lasersOf(state, index)
+            const isMoved = wavelengths_m.map((λ, i) => λ !== full.bench.nominal_wavelengths_m[i])
+            isMoved.forEach((moved, i) => {
+                const why = moved && full.whyUnheld(wavelengths_m, i)
+                if (why) throw new Refusal(`wavelength ${i + 1}: ${why}`)
+            })
+        })
         return state
     }
 
@@ -178,7 +193,9 @@ class Viewer {
         const { bench } = PAGE.holograms[index]
         if (index === 0) return this.state
         const gap_m = bench.nominal_gap_m === this.bench.nominal_gap_m ? this.state.gap_m : bench.nominal_gap_m
-        const kept = { plane_m: this.state.plane_m, gap_m, eye: bench.eye && (this.state.eye ?? bench.eye) }
+        const own = firstSpaces(bench)
+        const spaces = JSON.stringify(own) === JSON.stringify(firstSpaces(this.bench)) ? this.state.spaces : own
+        const kept = { plane_m: this.state.plane_m, gap_m, spaces, eye: bench.eye && (this.state.eye ?? bench.eye) }
         return { ...this.state, ...lasersOf(this.state, index), ...kept }
     }
 
@@ -379,6 +396,7 @@ function connect(viewer) {
     slider("split", [0, 1], value => ({ split: value }))
     $("gap-row").hidden = bench.nominal_gap_m === null
     if (bench.nominal_gap_m !== null) slider("gap", PAGE.gap_range_m, value => ({ gap_m: value }))
+    const spaces = connectSpaces(bench, change)
     const names = views()
     const showView = connectViews(names, view => change({ view }))
     const lasers = connectLasers(viewer, change)
@@ -390,6 +408,7 @@ function connect(viewer) {
         $("plane-value").textContent = planeLabel(bench, state.plane_m)
         $("gap").value = state.gap_m
         $("gap-value").textContent = state.gap_m === null ? "" : WHOLE_MM(state.gap_m)
+        spaces(state)
         $("exposure").value = state.exposure
         $("exposure-value").textContent = `${state.exposure.toFixed(1)} stops`
         $("split").value = state.split
@@ -413,6 +432,24 @@ function connect(viewer) {
         viewer.state = linkedState(bench, state => viewer.requireHeld(state))
         update()
         viewer.refresh()
+    })
+}
+
+// A slider for each space of a chain that can be changed; returns what shows a state.
+function connectSpaces(bench, change) {
+    const rows = (bench.spaces ?? []).map(({ name, range_m: [min, max] }, i) => {
+        const [row, label, input, value] = ["div", "label", "input", "output"].map(tag => document.createElement(tag))
+        row.className = "row"
+        Object.assign(label, { textContent: name, htmlFor: `space-${i}` })
+        Object.assign(input, { type: "range", id: `space-${i}`, step: "any", min, max })
+        input.addEventListener("input", () => change({ spaces: { [name]: Number(input.value) } }))
+        row.append(label, input, value)
+        $("space-rows").append(row)
+        return { name, input, value }
+    })
+    return ({ spaces }) => rows.forEach(({ name, input, value }) => {
+        input.value = spaces[name]
+        value.textContent = WHOLE_MM(spaces[name])
     })
 }
 
@@ -475,9 +512,7 @@ function laserPanel(viewer, change, index) {
         on.addEventListener("change", () => set("lasers", i, on.checked))
         powerInput.addEventListener("input", () => set("powers", i, Number(powerInput.value)))
         waveInput.addEventListener("input", () => {
-            const asked = Number(waveInput.value) * 1e-9
-            if (viewer.holograms[index].full.canHold(asked)) set("wavelengths_m", i, asked)
-            else $("message").textContent = `Wavelength ${i + 1}: ${NOT_HELD}`
+            set("wavelengths_m", i, Number(waveInput.value) * 1e-9)
         })
         row.append(on, swatch, power, wavelength)
         panel.append(row)
@@ -745,6 +780,7 @@ function summaryRows(state) {
         ["Shown", viewName(state.view)],
         ["Focal plane", planeLabel(bench, state.plane_m)],
         ...(state.gap_m === null ? [] : [["Gap", WHOLE_MM(state.gap_m)]]),
+        ...Object.entries(state.spaces).map(([name, length_m]) => [name, WHOLE_MM(length_m)]),
         ["Lasers", lasersAt(0)], ...own,
         ...(eye ? [["Eye", `pupil ${WHOLE_MM(eye.pupil_m)}, ${WHOLE_MM(eye.pupil_x_m)} to the right, ${WHOLE_MM(eye.pupil_y_m)} downwards, ` +
             `chromatic aberration ${eye.chromatic ? "on" : "off"}`]] : []),
@@ -798,7 +834,7 @@ function showStored(reason) {
     $("how").textContent = "Its pictures were rendered when the file was written;"
     $("claims").textContent = PAGE.claims.map(claim => `${claim.text}: ${claim.value} in the file; not computed again here.`).join(" ")
     $("controls").hidden = false
-    for (const id of ["image", "keys", "gap-row", "zoom-row", "lasers", "eye", "readings", "play"]) $(id).hidden = true
+    for (const id of ["image", "keys", "gap-row", "space-rows", "zoom-row", "lasers", "eye", "readings", "play"]) $(id).hidden = true
     $("exposure").closest(".row").hidden = true
     $("copy-link").closest("fieldset").hidden = true
     const show = () => {
@@ -862,7 +898,7 @@ window.holoview = {
     get state() {
         return this.viewer ? structuredClone(this.viewer.state) : null
     },
-    // Changes the state, as {plane_m, gap_m, lasers, powers, wavelengths_m, exposure, eye, region, view, split}; resolves when shown.
+    // Changes the state, as {plane_m, gap_m, spaces, lasers, powers, wavelengths_m, exposure, eye, region, view, split}; resolves when shown.
     async set(changes) {
         const viewer = await opened
         viewer.state = viewer.requireHeld(changed(viewer.state, viewer.bench, changes))

@@ -45,7 +45,7 @@ from holoview.viewer.page.frame_recording import gap_range, observer_table, page
 
 FORMAT, VERSION = "holoview-page", "1"
 FIRST_SCRIPTS = ("replay.js", "open.js")  # which run before the rest of the file is read
-SCRIPTS = ("bench.js", "measure.js", "hologram.js", "link.js", "strip.js", "page.js")
+SCRIPTS = ("bench.js", "chain.js", "measure.js", "hologram.js", "link.js", "strip.js", "page.js")
 _TARGET_BYTES = 900_000  # of the target's pictures: of these qualities the first that fits, or the last
 _TARGET_QUALITIES: tuple[dict[str, Any], ...] = (
     {"lossless": True},
@@ -189,7 +189,7 @@ def plane_range(system: System) -> tuple[float, float]:
     planes = focused_planes(system)
     low, high = float(planes.min()), float(planes.max())
     margin = (high - low) / 2 or abs(low) / 2 or 1e-3
-    nearest, farthest = system.plane_type.item.low, system.plane_type.item.high
+    nearest, farthest = system.plane_type.item.low + system.way.behind_m, system.plane_type.item.high
     return max(low - margin, nearest), min(high + margin, farthest)
 
 

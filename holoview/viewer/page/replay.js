@@ -61,6 +61,7 @@ class FrameReplay {
             if (!unpacked.has(number)) unpacked.set(number, unpack(contents[number], data))
             return unpacked.get(number)
         }
+        this.content = number => unpack(contents[number], data)
         this.head.buffers.forEach((each, index) => {
             if (each.data !== null) this.device.queue.writeBuffer(this.buffers[index], 0, content(each.data))
         })

@@ -5,9 +5,21 @@ const DRAG_PIXELS = 300 // from one end of a length's range to the other
 const NOT_ON_A_PAGE = "can't be changed on a page, whose shaders and tables were recorded for it; holoview view opens this file to edit it."
 const SHORT_MM = metres => `${+(metres * 1e3).toPrecision(4)} mm`
 
-// The lengths that a page can change, by their keys in the drawing: {name, range, of: a state, changes: of a state to a value}.
-function stripLengths({ nominal_gap_m, eye, fixed }) {
-    const lengths = { planes: { name: "Focal plane", range: PAGE.plane_range_m, of: state => state.plane_m, changes: plane_m => ({ plane_m }) } }
+// The lengths that a page can change, by their keys in the drawing: {name, range, of: a state, changes: of a state to a
+// value, shown: in the drawing, of a state}. The drawing has planes from the last element, and spaces in a row as one.
+function stripLengths(bench) {
+    const { nominal_gap_m, eye, fixed } = bench
+    const lengths = { planes: {
+        name: "Focal plane", range: PAGE.plane_range_m, of: state => state.plane_m, changes: plane_m => ({ plane_m }),
+        shown: state => state.plane_m - behindOf(bench, state),
+    } }
+    for (const { name, key, relay, range_m } of bench.spaces ?? []) {
+        const inRow = bench.spaces.filter(space => space.relay === relay)
+        lengths[key] = {
+            name, range: range_m, of: state => state.spaces[name], changes: length => ({ spaces: { [name]: length } }),
+            shown: state => inRow.reduce((sum, space) => sum + state.spaces[space.name], 0),
+        }
+    }
     if (nominal_gap_m !== null) lengths.gap = { name: "Gap", range: PAGE.gap_range_m, of: state => state.gap_m, changes: gap_m => ({ gap_m }) }
     if (eye && !fixed.pupil) {
         lengths.eye = { name: "Pupil", range: PUPIL_RANGE_M, of: state => state.eye.pupil_m, changes: pupil_m => ({ eye: { pupil_m } }) }
@@ -26,11 +38,15 @@ function connectStrip(viewer, change) {
             const [x, y] = ["x", "y"].map(name => Number(text.getAttribute(name)))
             return x >= left && x <= right && y >= top && y <= bottom
         })
-        const isFirst = PAGE.bench_areas.findIndex(area => area[0] === key) === index // of several rooms that of the length, reached by Tab
-        room.setAttribute("tabindex", isFirst ? 0 : -1)
-        room.setAttribute("role", lengths[key] ? "slider" : "button")
-        return { key, isFirst, room, labels, length: lengths[key] }
+        return { key, index, room, labels, length: lengths[key] }
     })
+    for (const part of parts) { // of several rooms of a key that of the length is reached by Tab
+        const same = parts.filter(({ key }) => key === part.key)
+        const isOfLength = ({ labels }) => labels.length === 1 && lengthOf(labels[0].textContent.split(" to ").at(-1)) !== null
+        part.isFirst = (same.find(isOfLength) ?? same[0]) === part
+        part.room.setAttribute("tabindex", part.isFirst ? 0 : -1)
+        part.room.setAttribute("role", part.length ? "slider" : "button")
+    }
     const field = $("part-length")
     let chosen = null
     const writeField = () => { field.value = SHORT_MM(chosen.length.of(viewer.state)) }
@@ -86,7 +102,7 @@ function writeStrip(parts, state) {
         if (length) {
             const value = length.of(state)
             if (key === "eye") labels[1].textContent = `pupil ${SHORT_MM(value)}`
-            else if (isFirst) labels[0].textContent = SHORT_MM(value)
+            else if (isFirst) labels[0].textContent = SHORT_MM((length.shown ?? length.of)(state))
             const [low, high] = length.range.map(each => each * 1e3)
             const aria = { label: length.name, valuemin: low, valuemax: high, valuenow: value * 1e3, valuetext: SHORT_MM(value) }
             for (const [name, text] of Object.entries(aria)) room.setAttribute(`aria-${name}`, text)
