@@ -105,18 +105,17 @@ function fourierKernel(bench, element, λ) {
     return outer(padded.map((count, axis) => kernelLine(shape[axis], count, rate)), [1, 0])
 }
 
-// Why samples can't hold a lens or Fourier element at some wavelengths, a sentence; "" where they can (chain.py, _Walk).
-function whyUnheld(bench, wavelengths_m) {
+// Why samples can't hold a lens or Fourier element at a wavelength, a sentence; "" where they can (chain.py, _Walk).
+function whyNotSampled(bench, λ) {
     const { shape, pitch_m } = bench.grid
-    const [shortest, longest] = [Math.min(...wavelengths_m), Math.max(...wavelengths_m)]
     for (const element of bench.elements ?? []) {
         if (element.kind !== "lens" && element.kind !== "fourier") continue
-        const f_m = Math.min(...wavelengths_m.map(λ => Math.abs(focalLength(element, λ))))
-        const isShort = f_m < (Math.max(...shape) * pitch_m ** 2 / shortest) * (1 - 1e-6)
-        const isLong = element.kind === "fourier" && f_m > (Math.min(...shape) * pitch_m * element.order_m / longest) * (1 + 1e-6)
+        const f_m = Math.abs(focalLength(element, λ))
         const f = `a focal length of ${+(f_m * 1e3).toPrecision(4)} mm`
-        if (isShort) return `at this wavelength the samples can't hold ${f}: move it less.`
-        if (isLong) return `at this wavelength the Fourier plane behind ${f} can't hold the first order: move it less.`
+        if (f_m < ((Math.max(...shape) * pitch_m ** 2) / λ) * (1 - 1e-6)) return `at this wavelength the samples can't hold ${f}: move it less.`
+        if (element.kind === "fourier" && f_m > ((Math.min(...shape) * pitch_m * element.order_m) / λ) * (1 + 1e-6)) {
+            return `at this wavelength the Fourier plane behind ${f} can't hold the first order: move it less.`
+        }
     }
     return ""
 }

@@ -213,7 +213,7 @@ def space_numbers(plan: Plan) -> dict[str, Any]:
     system, way = plan.nominal, plan.system.way
     behind_m, numbers = way.behind_m, {"distances_m": list(way.distances_m), "spaces": list[dict[str, Any]]()}
     if system.effects:
-        return numbers | {"behind": {"fixed_m": behind_m, "spaces": []}}
+        return numbers | {"behind": {"fixed_m": behind_m, "spaces": [], "from": system.planes_from}}
     named = dict(zip(system.element_names, system.elements, strict=True))
     spaces = {name: e.distance_m for name, e in named.items() if isinstance(e, Space) and e.distance_m is not None}
     for relay, names in enumerate(way.relay_names):
@@ -225,7 +225,8 @@ def space_numbers(plan: Plan) -> dict[str, Any]:
             known = {"name": name, "key": key, "relay": relay, "nominal_m": spaces[name], "range_m": [0.0, high_m]}
             numbers["spaces"].append(known)
     before = list(named)[list(named).index(system.planes_from) + 1 :] if system.planes_from and behind_m else []
-    return numbers | {"behind": {"fixed_m": 0.0, "spaces": [name for name in before if name in spaces]}}
+    between = [name for name in before if name in spaces]
+    return numbers | {"behind": {"fixed_m": 0.0, "spaces": between, "from": system.planes_from}}
 
 
 def _longest(plan: Plan, relay: int) -> float:

@@ -83,10 +83,10 @@ class LiveHologram {
         return this.stops.get(key)
     }
 
-    // Why the page can't compute a laser at its wavelength, a sentence; "" where it can.
-    whyUnheld(wavelengths_m, laser) {
-        if (this.bench.is_chain) return whyUnheld(this.bench, wavelengths_m)
-        return this.isInBands(wavelengths_m[laser]) ? "" : NOT_HELD
+    // Why the page can't compute a laser at a wavelength, a sentence; "" where it can.
+    whyNotHeld(λ) {
+        if (this.bench.is_chain) return whyNotSampled(this.bench, λ)
+        return this.isInBands(λ) ? "" : NOT_HELD
     }
 
     // Whether the kernels, which were generated for a band of frequencies, compute all that passes at a wavelength.

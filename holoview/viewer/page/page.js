@@ -128,14 +128,10 @@ class Viewer {
 
     // Throws a Refusal for wavelengths that a link or a program asks for, and that the recordings can't compute.
     requireHeld(state) {
-        this.holograms.forEach(({ full }, index) => {
-            const { wavelengths_m } = lasersOf(state, index)
-            const isMoved = wavelengths_m.map((λ, i) => λ !== full.bench.nominal_wavelengths_m[i])
-            isMoved.forEach((moved, i) => {
-                const why = moved && full.whyUnheld(wavelengths_m, i)
-                if (why) throw new Refusal(`wavelength ${i + 1}: ${why}`)
-            })
-        })
+        this.holograms.forEach(({ full }, index) => lasersOf(state, index).wavelengths_m.forEach((λ, i) => {
+            const why = λ === full.bench.nominal_wavelengths_m[i] ? "" : full.whyNotHeld(λ)
+            if (why) throw new Refusal(`wavelength ${i + 1}: ${why}`)
+        }))
         return state
     }
 

@@ -12,6 +12,7 @@ function stripLengths(bench) {
     const lengths = { planes: {
         name: "Focal plane", range: PAGE.plane_range_m, of: state => state.plane_m, changes: plane_m => ({ plane_m }),
         shown: state => state.plane_m - behindOf(bench, state),
+        from: bench.behind?.spaces.length ? ["more from", state => `${SHORT_MM(behindOf(bench, state))} more from ${bench.behind.from}`] : null,
     } }
     for (const { name, key, relay, range_m } of bench.spaces ?? []) {
         const inRow = bench.spaces.filter(space => space.relay === relay)
@@ -103,6 +104,8 @@ function writeStrip(parts, state) {
             const value = length.of(state)
             if (key === "eye") labels[1].textContent = `pupil ${SHORT_MM(value)}`
             else if (isFirst) labels[0].textContent = SHORT_MM((length.shown ?? length.of)(state))
+            const [words, text] = length.from ?? []
+            for (const label of labels) if (words && label.textContent.includes(words)) label.textContent = text(state)
             const [low, high] = length.range.map(each => each * 1e3)
             const aria = { label: length.name, valuemin: low, valuemax: high, valuenow: value * 1e3, valuetext: SHORT_MM(value) }
             for (const [name, text] of Object.entries(aria)) room.setAttribute(`aria-${name}`, text)
