@@ -34,7 +34,6 @@ def _hologram() -> hv.Hologram:
 
 
 REFUSING: dict[str, Callable[[], Any]] = {
-    "a page": lambda: hv.export_html("page.html", _hologram()),
     "an optimisation in the window": lambda: start_quick_optimisation(EditingSession(_chain())),
     "a film": lambda: list(follow(_chain(), [_STACK], _SETTINGS)),
     "the optimiser's problem": lambda: Problem(_chain(), _STACK, _SETTINGS),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 
 import holoview as hv
+from holoview.light.engine.shader_structs import PROPAGATION, dense_transmission, propagation_uniform, support_table
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.viewer.page.link import shown_by_link
 from holoview.viewer.page.page import export_html, page_html, read_page
 from tests.chromium import Browser, needs_chromium
@@ -136,6 +139,75 @@ def test_each_preset_of_a_chain_is_shown_as_simulate_computes_it(browser: Browse
     assert browser.close_pages() == []
 
 
+@needs_chromium
+def test_tables_that_the_page_computes_are_those_of_python(browser: Browser, tmp_path: Path) -> None:
+    """Supports and fixed point exactly. A path of 1 µm is kept in float32, to 6e-14 m, which are 2π·6e-14/620e-9 = 6e-7
+    of the light; numbers in float32, to 6e-8; kernels are sums of up to 60 of them, computed in float64."""
+    system = every_kind(np.random.default_rng(7), tmp_path / "mask.npy")
+    hologram = drawn(system)
+    page = open_page(browser, export_html(tmp_path / "chain.html", hologram, backend="torch", plane_m=3 * MM))
+    plan = hv.make_plan(system, [3 * MM])
+    inputs = FrameInputs(plan, hologram.drive)
+    read = lambda label, dtype: np.frombuffer(base64.b64decode(page.evaluate(_TABLE, label)), dtype)  # noqa: E731
+    last_frame = system.frames - 1
+    for number in range(len(plan.way.transmissions)):
+        expected = dense_transmission(inputs, last_frame, number, 2)
+        found = read(f"dense {inputs.shown_first(last_frame, number)} {number} 2", np.complex64)
+        np.testing.assert_allclose(found.reshape(expected.shape), expected, rtol=0, atol=7e-7)
+    for relay in range(len(plan.relays)):
+        step = plan.transfer(relay, 2)
+        assert np.array_equal(read(f"support {relay} 2 0", np.int32).reshape(-1, 4), support_table(step, plan.grid))
+        words = np.frombuffer(PROPAGATION.pack(**propagation_uniform(step)), np.uint32)
+        found = read(f"transmit {relay} 2 0", np.uint32)[: len(words)]
+        assert np.abs(found.astype(np.int64) - words.astype(np.int64)).max() <= 1  # float32 may round differently once
+        if plan.way.kernel(relay) is not None:
+            kernel = inputs.pupils[relay][2].numpy().ravel()
+            error = np.abs(read(f"pupil {relay} 2", np.complex64) - kernel)
+            assert error.max() < 3e-7 * np.abs(kernel).max()
+    assert browser.close_pages() == []
+
+
+_TABLE = """async label => {
+    const bytes = await window.holoview.viewer.holograms[0].full.replay.read(label)
+    let text = ""
+    for (let i = 0; i < bytes.length; i += 32768) text += String.fromCharCode(...bytes.subarray(i, i + 32768))
+    return btoa(text)
+}"""
+
+
+@needs_chromium
+def test_another_strategy_a_quick_image_and_fields_that_are_not_kept_show_the_same(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = "holoview.viewer.page.frame_recording"
+    monkeypatch.setattr(f"{recording}._QUICK_SAMPLES", 0)
+    monkeypatch.setattr(f"{recording}._KEPT_BYTES", 0)
+    system = bench(
+        pixels("phase", stroke=800 * NM),
+        {"kind": "space", "name": "way", "distance": 1 * MM},
+        pixels("amplitude", pitch=24 * UM, shape=(10, 8), name="coarse"),
+        {"kind": "space", "iris_na": 0.03},
+    )
+    hologram = drawn(system)
+    page = open_page(browser, export_html(tmp_path / "quick.html", hologram, backend="torch"))
+    is_equal(page, hologram, system, 3 * MM)
+    quick = page.evaluate("async () => [...await window.holoview.viewer.holograms[0].quick.rgba(PAGE.xyz_to_srgb, 0)]")
+    view = hv.simulate(system.with_(propagation="compact"), hologram.drive, planes=[3 * MM, 5 * MM], backend="torch64")
+    difference = np.abs(np.array(quick).reshape(60, 48, 4)[..., :3] - view.srgb8[0].astype(int)).max(axis=-1)
+    assert np.mean(difference <= 1) >= 0.999
+    names = page.evaluate(
+        """async () => {
+            const { full } = window.holoview.viewer.holograms[0]
+            full.use(await full.open(full.heads.at(-1)))
+            return full.heads.map(head => `${head.strategy} ${head.is_kept}`)
+        }"""
+    )
+    assert names == ["passes false", "workgroup false"]
+    set_state(page, plane_m=2.6 * MM)
+    is_equal(page, hologram, system, 2.6 * MM)
+    assert browser.close_pages() == []
+
+
 def test_a_chain_of_the_short_form_has_the_page_of_its_short_form() -> None:
     short = hv.load("holochrome-8").with_(shape=[24, 32], planes=["9 mm"])
     texts = [
@@ -203,7 +275,9 @@ def test_with_effects_on_elements_planes_and_lasers_are_the_nominal_ones(browser
     is_equal(page, hologram, system, 3 * MM)
     set_state(page, plane_m=2.2 * MM, lasers=[True, False, True])
     is_equal(page, hologram, system.edit({"amplitudes": system.amplitudes * [1.0, 0.0, 1.0]}), 2.2 * MM)
-    assert "effects or aberrations were computed for them" in refusal(page, wavelengths_m=[480 * NM, 540 * NM, 630 * NM])
+    assert "effects or aberrations were computed for them" in refusal(
+        page, wavelengths_m=[480 * NM, 540 * NM, 630 * NM]
+    )
     assert refusal(page, spaces={"way": 2 * MM}) == "spaces: expected none: of this bench no space can be changed here."
     page.locator("#bench rect.part[aria-label='1 mm']").focus()
     page.keyboard.press("Enter")

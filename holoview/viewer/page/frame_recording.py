@@ -43,6 +43,14 @@ wavelengths that changed, and those that follow.
                       a transmission of each sample, a pupil at each frequency, complex: where effects or aberrations
                       need them
 
+Of a chain of elements each has a buffer of its own, and M is the number of a transmission of its `Way`. Of a static
+element there is FRAME 0 alone, and without effects the page fills `dense` and the `pupil` of Fourier kernels (`chain.js`):
+
+    wave WAVELENGTH SOURCE               PlaneWave
+    dense FRAME M WAVELENGTH             what multiplies the light, of each sample
+    transmit RELAY WAVELENGTH 0          Propagation, to the next element or the focal plane
+    support RELAY WAVELENGTH 0           as above
+
 A content is a part of the binary data from `offset`, of so many `bytes`; recordings of the same frame by several
 strategies share them. Of the kind `raw` it is stored as it is; of the kinds `codes8` and `codes16` it begins with a
 table of `values` 32-bit words, and then has a number of 8 or 16 bits into this table for each word. All numbers are
