@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.fused import BufferRegion, WavelengthSpan
-from holoview.light.engine.shader_structs import DeviceArray
+from holoview.light.engine.shader_structs import DeviceArray, ShaderInputs
 from holoview.light.engine.wgpu_executor import GpuField, WgpuExecutor
 from holoview.light.gpu.device import Device
 from holoview.light.gpu.line_fft import Strategy
@@ -43,7 +43,7 @@ class StagedBeams:
     """
 
     def __init__(
-        self, device: Device, plan: Plan, inputs: FrameInputs, strategy: Strategy, count: int, most_bytes: int
+        self, device: Device, plan: Plan, inputs: ShaderInputs, strategy: Strategy, count: int, most_bytes: int
     ) -> None:
         plan = replace(plan, planes=plan.planes[-1:], _transfers={})
         self._executor = WgpuExecutor(plan, _Tables(plan, inputs), device, strategy=strategy)
@@ -71,7 +71,7 @@ class _Tables:
     """The inputs of a recording: zeros where the page computes what elements and Fourier planes do."""
 
     plan: Plan
-    inputs: FrameInputs
+    inputs: ShaderInputs
 
     @property
     def pupils(self) -> Sequence[Sequence[DeviceArray | None]]:
@@ -148,7 +148,10 @@ class ElementNumbers:
         """The numbers with arrays as {data: the part that holds it, null for zeros}. contents: parts of `arrays`."""
         if self.numbers is None:
             return None
-        refer = lambda place: None if place is None else {"data": contents[place]}  # noqa: E731
+
+        def refer(place: int | None) -> dict[str, Any] | None:
+            return None if place is None else {"data": contents[place]}
+
         return [
             {k: refer(v) if k in _ARRAYS else list(map(refer, v)) if k == "patterns" else v for k, v in each.items()}
             for each in self.numbers
@@ -211,22 +214,24 @@ def space_numbers(plan: Plan) -> dict[str, Any]:
     effects none can be changed. behind: the spaces between the element that planes are measured from and the last one.
     """
     system, way = plan.nominal, plan.system.way
-    behind_m, numbers = way.behind_m, {"distances_m": list(way.distances_m), "spaces": list[dict[str, Any]]()}
+    distances_m, names = list(way.distances_m), list(system.element_names)
     if system.effects:
-        return numbers | {"behind": {"fixed_m": behind_m, "spaces": [], "from": system.planes_from}}
-    named = dict(zip(system.element_names, system.elements, strict=True))
-    spaces = {name: e.distance_m for name, e in named.items() if isinstance(e, Space) and e.distance_m is not None}
-    for relay, names in enumerate(way.relay_names):
-        free = [name for name in names if name in spaces]
-        for name in free:
-            most_m = _longest(plan, relay) - math.fsum(spaces[other] for other in free if other != name)
-            high_m = max(spaces[name], min(_LONGER * spaces[name] or _SHORT_M, most_m))
-            key = f"elements.{system.element_names.index(name)}"
-            known = {"name": name, "key": key, "relay": relay, "nominal_m": spaces[name], "range_m": [0.0, high_m]}
-            numbers["spaces"].append(known)
-    before = list(named)[list(named).index(system.planes_from) + 1 :] if system.planes_from and behind_m else []
-    between = [name for name in before if name in spaces]
-    return numbers | {"behind": {"fixed_m": 0.0, "spaces": between, "from": system.planes_from}}
+        fixed = {"fixed_m": way.behind_m, "spaces": [], "from": system.planes_from}
+        return {"distances_m": distances_m, "spaces": [], "behind": fixed}
+    named = zip(names, system.elements, strict=True)
+    lengths = {name: e.distance_m for name, e in named if isinstance(e, Space) and e.distance_m is not None}
+    spaces: list[dict[str, Any]] = []
+    for relay, of_relay in enumerate(way.relay_names):
+        own = [name for name in of_relay if name in lengths]
+        for name in own:
+            most_m = _longest(plan, relay) - math.fsum(lengths[other] for other in own if other != name)
+            high_m = max(lengths[name], min(_LONGER * lengths[name] or _SHORT_M, most_m))
+            key = f"elements.{names.index(name)}"
+            known = {"name": name, "key": key, "relay": relay, "nominal_m": lengths[name], "range_m": [0.0, high_m]}
+            spaces.append(known)
+    before = names[names.index(system.planes_from) + 1 :] if system.planes_from and way.behind_m else []
+    between = {"fixed_m": 0.0, "spaces": [name for name in before if name in lengths], "from": system.planes_from}
+    return {"distances_m": distances_m, "spaces": spaces, "behind": between}
 
 
 def _longest(plan: Plan, relay: int) -> float:

@@ -44,7 +44,7 @@ wavelengths that changed, and those that follow.
                       need them
 
 Of a chain of elements each has a buffer of its own, and M is the number of a transmission of its `Way`. Of a static
-element there is FRAME 0 alone, and without effects the page fills `dense` and the `pupil` of Fourier kernels (`chain.js`):
+element there is FRAME 0 alone. Without effects `chain.js` fills `dense`, and `pupil` of kernels of Fourier planes:
 
     wave WAVELENGTH SOURCE               PlaneWave
     dense FRAME M WAVELENGTH             what multiplies the light, of each sample
