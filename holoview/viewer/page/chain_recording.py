@@ -203,8 +203,9 @@ def element_numbers(plan: Plan, inputs: FrameInputs) -> ElementNumbers:
 
 def _finest(plan: Plan, number: int) -> float:
     """The pitch of the finest pixels that show patterns before a step of the way, whose order a Fourier plane holds."""
-    pixels = [of.element for of in plan.way.transmissions[:number] if isinstance(of.element, Pixels)]
-    return min([pixels[0].pitch_m, *(e.pitch_m for e in pixels if e.is_driven)])
+    elements = [of.element for of in plan.way.transmissions]
+    first = next(e.pitch_m for e in elements if isinstance(e, Pixels))
+    return min([first, *(e.pitch_m for e in elements[:number] if isinstance(e, Pixels) and e.is_driven)])
 
 
 def space_numbers(plan: Plan) -> dict[str, Any]:
