@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,19 @@ import numpy as np
 import pytest
 
 import holoview as hv
+from holoview.holograms.targets.focal_stack import Target
 from holoview.light.engine.shader_structs import PROPAGATION, dense_transmission, propagation_uniform, support_table
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import FrameInputs
+from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.exports import save_page
+from holoview.viewer.document.file_loader import read_content
 from holoview.viewer.page.link import shown_by_link
 from holoview.viewer.page.page import export_html, page_html, read_page
 from tests.chromium import Browser, needs_chromium
 from tests.page.pages import open_page, page_pixels, set_state, webgpu_browser
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 UM, MM, NM = 1e-6, 1e-3, 1e-9
@@ -320,6 +326,29 @@ def test_a_space_is_dragged_and_typed_in_the_drawing_and_is_in_the_link(browser:
     assert browser.close_pages() == []
 
 
+@needs_chromium
+def test_a_chain_beside_its_field_and_a_target_makes_claims_that_the_page_computes(
+    browser: Browser, tmp_path: Path
+) -> None:
+    system = every_kind(np.random.default_rng(8), tmp_path / "mask.npy").with_(planes=["3 mm"])
+    hologram = drawn(system)
+    rgb = np.clip(hv.simulate(hologram, backend="torch").rgb, 0, None)
+    shown = 0.2 + 0.8 * rgb / rgb.max()  # bright, as the page's target has 8 bits
+    target = Target(shown.astype(np.float32), (3 * MM,), "light of the chain")
+    both = {"chain": hologram, "its field": hv.as_field(hologram)}
+    page = open_page(
+        browser, export_html(tmp_path / "both.html", both, target=target, region=(5, 5, 40, 40), backend="torch")
+    )
+    said = page.inner_text("#claims")
+    claims = re.findall(r": ([^:]*) in the file, ([^:]*) computed here", said)
+    assert len(claims) == 2 and all(stated.split(" ± ")[0] == found for stated, found in claims)
+    set_state(page, view="hologram 2", spaces={"way 1": 0.4 * MM})
+    is_equal(page, both["its field"], both["its field"].system, 3 * MM)  # which knows no spaces
+    set_state(page, view="hologram 1")
+    is_equal(page, hologram, system.edit({"elements.way 1.distance": "0.4 mm"}), 3 * MM)
+    assert browser.close_pages() == []
+
+
 def test_the_page_of_a_chain_is_read_as_data(tmp_path: Path) -> None:
     system = every_kind(np.random.default_rng(5), tmp_path / "mask.npy")
     hologram = drawn(system)
@@ -337,3 +366,14 @@ def test_a_link_to_a_space_that_cannot_be_gets_a_sentence(tmp_path: Path, link: 
     short = hv.load("holochrome-8").with_(shape=[8, 12])
     with pytest.raises(hv.UserError, match="it has none"):
         shown_by_link(drawn(short), "space.relay1=1mm")
+
+
+def test_the_window_saves_the_page_of_a_chain_and_opens_it_with_its_link(tmp_path: Path) -> None:
+    session = EditingSession(every_kind(np.random.default_rng(9), tmp_path / "mask.npy"))
+    save_page(session, tmp_path / "chain.html")
+    assert session.wait_until_idle(PATIENCE_S)
+    (hologram,) = read_page(tmp_path / "chain.html").values()
+    assert hologram.system == session.system
+    content = read_content(f"{tmp_path / 'chain.html'}#space.way%201=0.3mm&laser2=off", session.system)
+    assert content.system is not None and content.system.way.distances_m[0] == pytest.approx(0.3 * MM)
+    assert not content.system.amplitudes[:, 1].any()
