@@ -246,7 +246,7 @@ def test_planes_told_from_an_element_stay_when_a_space_behind_it_changes(browser
 
 @needs_chromium
 def test_an_eye_behind_a_chain_sees_what_it_sees_in_simulate(browser: Browser, tmp_path: Path) -> None:
-    """A lens as the first element, two spaces in a row, two directions of the source, a stop of its own element, compact padding."""
+    """A lens first, two spaces in a row, two directions of the source, a stop of its own element, compact padding."""
     system = bench(
         {"kind": "lens", "focal_length": 60 * MM},
         pixels("phase", stroke=800 * NM),
