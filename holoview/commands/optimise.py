@@ -79,6 +79,7 @@ from holoview.holograms.optimise.settings import (
     NEXT_ITERATIONS,
     Settings,
 )
+from holoview.holograms.optimise.solve import load_beside
 from holoview.holograms.targets.focal_stack import Film, is_video
 from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.light_field import ViewGrid
@@ -149,6 +150,8 @@ def run(args: argparse.Namespace) -> int:
     aimed = eyes.aimed(system)
     with progress_bar("building the target") as progress:
         progress(0, 1, "")
+        if options.method == METHODS[0] and not aimed.is_chain:
+            load_beside(options.device)
         stack: NDArray[np.float32] | StacksAt | ComplexTarget = target_at_places(source, aimed, pupils)
         if args.loss == FIELD_LOSS:
             stack = _complex_target(args, source, aimed)

@@ -11,6 +11,7 @@ LatestTask          a worker thread that runs only the latest request
 
 from __future__ import annotations
 
+import gc
 import math
 import multiprocessing
 import os
@@ -113,6 +114,18 @@ def signals_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def garbage_kept() -> Iterator[None]:
+    """Collects no garbage inside the block."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def leave_signals_to_parent() -> None:

@@ -92,6 +92,8 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.viewer.document.measurements", "holoview.holograms.metrics.speckle_measurement"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.solve"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.parallel"): SLOW,
+    ("holoview.holograms.optimise.objective", "scipy"): SLOW,
+    ("holoview.holograms.optimise.wavelengths", "scipy"): SLOW,
     ("holoview.holograms.metrics.speckle", "scipy.special"): SLOW,
     ("holoview.holograms.fields.focus", "scipy.signal"): SLOW,
     ("holoview.holograms.fields.focused_objects", "scipy.signal"): SLOW,

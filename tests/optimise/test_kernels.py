@@ -12,11 +12,11 @@ import pytest
 import torch
 
 from holoview.holograms.optimise import kernel_choice as module
-from holoview.holograms.optimise import solve
+from holoview.holograms.optimise import solve, vector_kernels
 from holoview.holograms.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.holograms.optimise.compiled_model import CompiledKernels
 from holoview.holograms.optimise.forward_model import ForwardModel
-from holoview.holograms.optimise.kernel_choice import Compiler, choose_kernels, will_compile
+from holoview.holograms.optimise.kernel_choice import Compiler, choose_kernels, load_kernels, will_compile
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
@@ -253,6 +253,33 @@ def test_where_numba_fails_or_is_missing_torch_computes(cache_folder: Path, monk
 def test_other_devices_than_the_cpu_compute_by_torch(cache_folder: Path) -> None:
     assert choose_kernels("cuda:1") is TORCH_KERNELS
     assert not will_compile("cuda")
+    assert list(cache_folder.iterdir()) == []
+
+
+def test_what_was_loaded_beforehand_is_all_that_an_iteration_needs(
+    cache_folder: Path, bench: Bench, noise: Noise, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_faster_name", lambda: "compiled")
+    choose_kernels("cpu")
+    load_kernels("cpu")
+    loaded = _machine_code()
+    assert sum(loaded.values()) >= 8  # as many passes are there
+    system = bench()
+    stack = np.full((len(system.planes_m), *make_plan(system).grid.shape, 3), 0.3, np.float32)
+    problem = Problem(system, stack, Settings(), kernels=choose_kernels("cpu"))
+    problem.evaluate(noise(0, *system.drive_shape).float() * 825e-9, np.array(system.amplitudes), REQUEST)
+    assert _machine_code() == loaded
+
+
+def _machine_code() -> dict[str, int]:
+    """For how many types each pass is compiled."""
+    return {name: len(getattr(value, "signatures", ())) for name, value in vars(vector_kernels).items()}
+
+
+def test_loading_beforehand_never_compiles(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_faster_name", lambda: pytest.fail("compiles"))
+    load_kernels("cpu")
+    load_kernels("cuda:0")
     assert list(cache_folder.iterdir()) == []
 
 

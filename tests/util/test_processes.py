@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import subprocess
@@ -15,7 +16,14 @@ import numpy as np
 import psutil
 import pytest
 
-from holoview.util.processes import PREFIX, LatestTask, end_with_parent, process_start, wait_for_threads
+from holoview.util.processes import (
+    PREFIX,
+    LatestTask,
+    end_with_parent,
+    garbage_kept,
+    process_start,
+    wait_for_threads,
+)
 from tests.patience import PATIENCE_S
 
 
@@ -79,3 +87,14 @@ def test_work_is_done_again_only_when_its_inputs_change() -> None:
     task.submit(lambda: "no inputs", results.put)
     assert results.get(timeout=PATIENCE_S) == "no inputs"
     task.close()
+
+
+def test_garbage_is_collected_again_afterwards_whatever_happens_if_it_was_before() -> None:
+    with pytest.raises(ValueError, match="within"), garbage_kept():
+        assert not gc.isenabled()
+        raise ValueError("within")
+    assert gc.isenabled()
+    with garbage_kept():
+        with garbage_kept():
+            pass
+        assert not gc.isenabled()

@@ -37,7 +37,7 @@ from holoview.util.packages import import_optional
 _FORMAT = 3
 """Of the file of choices; to be increased when kernels become faster or slower."""
 _FILE = "optimiser-kernels.json"
-_PRESET, _SHAPE = "holochrome-8", (96, 128)
+_PRESET, _SHAPE, _SMALL = "holochrome-8", (96, 128), (16, 16)
 _ROUNDS = 5
 _SOURCES = ("compiled_model.py", "vector_fft.py", "vector_kernels.py")
 """Of what is compiled: where one is another file than before, numba compiles anew."""
@@ -63,6 +63,12 @@ def will_compile(device: str) -> bool:
     return torch.device(device).type == "cpu" and find_spec("numba") is not None and _remembered_name() is None
 
 
+def load_kernels(device: str) -> None:
+    """Loads what `choose_kernels` chooses, with the machine code, for the first iteration; never compiles."""
+    if torch.device(device).type == "cpu" and not will_compile(device):
+        _seconds(choose_kernels(device), _SMALL)
+
+
 def _compiled_kernels() -> Kernels:
     """Raises UserError if numba can't be loaded."""
     import_optional("numba", "compiled kernels")
@@ -81,11 +87,11 @@ def _faster_name() -> str:
     return min(seconds, key=lambda name: min(seconds[name][1:]))  # the first round compiles
 
 
-def _seconds(kernels: Kernels) -> float:
+def _seconds(kernels: Kernels, shape: tuple[int, int] = _SHAPE) -> float:
     """Processor time of this thread for the loss of a display and its gradient, of equal pixels."""
-    system = preset.load(_PRESET).with_(shape=_SHAPE, propagation="compact", planes=["10 mm", "11 mm"])
-    model = ForwardModel(make_plan(system), kernels=kernels)
-    opd_m = torch.zeros(1, 2, *_SHAPE)
+    system = preset.load(_PRESET).with_(shape=shape, propagation="compact", planes=["10 mm", "11 mm"])
+    model = ForwardModel(make_plan(system), kernels=kernels, threads=1)
+    opd_m = torch.zeros(1, 2, *shape)
     target, weights = torch.ones(3, *model.plan.grid.shape), torch.ones(len(model.lasers), 3)
 
     def evaluate_rows(plane: int, rows: slice, fields: torch.Tensor) -> None:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels, PlanePropagation
@@ -491,9 +490,11 @@ def _solve_nnls(gram: Floats, right_hand_side: Floats) -> Floats:
     """argmin over a ≥ 0 of aᵀGa − 2bᵀa by NNLS on a square root of G, scaled so that its diagonal is 1; 0 for G = 0."""
     if not np.any(gram):
         return np.zeros_like(right_hand_side)
+    from scipy import optimize  # slow start: it is loaded while a target is built
+
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / scale[:, None] / scale[None, :])
     values = np.maximum(values, _EIGENVALUE_FLOOR * values[-1])
     root = np.sqrt(values)[:, None] * vectors.T
-    amplitudes, _ = nnls(root, (vectors.T @ (right_hand_side / scale)) / np.sqrt(values))
+    amplitudes, _ = optimize.nnls(root, (vectors.T @ (right_hand_side / scale)) / np.sqrt(values))
     return np.asarray(amplitudes) / scale

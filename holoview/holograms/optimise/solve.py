@@ -11,8 +11,11 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, lru_cache
+from importlib import import_module
+from threading import Thread
 
 import numpy as np
 import torch
@@ -23,7 +26,7 @@ from holoview.holograms.optimise.chain_loop import iterate_chain
 from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
 from holoview.holograms.optimise.eyes import DrawnPupils, StacksAt
 from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
-from holoview.holograms.optimise.kernel_choice import compiler, will_compile
+from holoview.holograms.optimise.kernel_choice import compiler, load_kernels, will_compile
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.holograms.optimise.problem import EvaluationRequest, Floats, LossEvaluation, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
@@ -134,6 +137,20 @@ def check_changing_target(settings: Settings) -> None:
     if settings.drawn_pupils or "wavelengths" in settings.free:
         found = "drawn pupils" if settings.drawn_pupils else "free wavelengths"
         raise UserError("target", f"that changes, with {found}", expected="patterns and amplitudes")
+
+
+def load_beside(device: str) -> None:
+    """Begins to load, in a thread, what the first iteration needs and this module doesn't import.
+
+    To be called before a target is built, most of which is done without Python's lock. Results are the same without it.
+    """
+    Thread(target=_load, args=(device,)).start()
+
+
+def _load(device: str) -> None:
+    with suppress(Exception):  # where something is missing, the optimisation says so
+        import_module("scipy.optimize")
+        load_kernels(device)
 
 
 class Optimiser:

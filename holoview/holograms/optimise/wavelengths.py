@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import isotonic_regression
 
 from holoview.holograms.optimise.adam import Adam, sqrt_decay
 from holoview.holograms.optimise.beams import TransferFunctions
@@ -102,9 +101,11 @@ def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
             expected=f"at least {(count - 1) * spacing * 1e9:g} nm",
             remedy="widen the range or lower the spacing",
         )
+    from scipy import optimize  # slow start: most optimisations leave the wavelengths as they are
+
     order = np.argsort(wavelengths_m, kind="stable")
     offsets = spacing * np.arange(count)
-    monotone = isotonic_regression(wavelengths_m[order] - offsets).x.clip(low, high - (count - 1) * spacing)
+    monotone = optimize.isotonic_regression(wavelengths_m[order] - offsets).x.clip(low, high - (count - 1) * spacing)
     projected = np.empty(count)
     projected[order] = monotone + offsets
     return projected

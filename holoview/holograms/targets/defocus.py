@@ -141,13 +141,13 @@ class FftConvolver:
 
         reach = blur.shape[0] // 2
         if reach == 0:
-            return self._picture
+            return self._picture.copy()
         if reach > self._reach:
             raise ValueError(f"kernel reaches {reach} px: expected at most {self._reach}")
         centred = np.zeros(self._size, dtype=np.float32)
         centred[: blur.shape[0], : blur.shape[1]] = blur
-        transfer = fft.rfft2(np.roll(centred, (-reach, -reach), axis=(0, 1)))
-        full = fft.irfft2(self._spectrum * transfer, s=self._size)
+        spectrum = self._spectrum * fft.rfft2(np.roll(centred, (-reach, -reach), axis=(0, 1)))
+        full = fft.irfft2(spectrum, s=self._size, overwrite_x=True)
         return np.asarray(full[:, : self._picture.shape[1], : self._picture.shape[2]], dtype=np.float32)
 
 
@@ -169,6 +169,7 @@ _LAYER_STEP_PX = (
 _LEAST_SHARE = np.float32(1e-3)  # less occurs only in the margin of a cone off the axis, which is cut off
 
 Window = tuple[slice, slice]
+Pixels = tuple[NDArray[np.int64], ...]
 
 
 def checked_depth(
@@ -225,10 +226,12 @@ class LayerBlur:
     def put_over(self, light: NDArray[np.float32], kernel: NDArray[np.float64], window: Window) -> None:
         """Covers light (4, y, x) in `window`, which holds that of this layer, with the layer blurred by a kernel."""
         share = kernel_share_in_frame(kernel, self._shape, self.window)
-        over = self._picture.convolve(kernel) / np.maximum(share, _LEAST_SHARE)
+        blurred = self._picture.convolve(kernel)
+        over = np.divide(blurred, np.maximum(share, _LEAST_SHARE), out=blurred)
         inner = (slice(a.start - b.start, a.stop - b.start) for a, b in zip(self.window, window, strict=True))
         part = light[:, *inner]
-        part *= 1 - np.clip(over[-1], 0, 1)
+        uncovered = np.clip(over[-1], 0, 1)
+        part *= np.subtract(1, uncovered, out=uncovered)
         part += over
 
 
@@ -252,14 +255,21 @@ def _inpaint_occluded(
     """
     from scipy import ndimage  # slow start: a picture needs it, and most programs that can open one don't
 
-    visible = labels == layer
-    not_nearer = labels >= layer
-    source, mask = np.indices(labels.shape), visible
-    if not not_nearer.all():
+    visible, nearer = labels == layer, labels < layer
+    content = np.zeros((4, *labels.shape), dtype=np.float32)
+    _copy_pixels(content, np.nonzero(visible), rgb, np.nonzero(visible))
+    if nearer.any():
         mixed = ndimage.binary_dilation(labels < layer - 1, np.ones((3, 3), dtype=bool))
-        usable = not_nearer & ~mixed if (visible & ~mixed).any() else not_nearer
-        distance, nearest = ndimage.distance_transform_edt(~usable, return_indices=True)
-        source = np.where(not_nearer, source, nearest)
-        mask = visible | (~not_nearer & (labels[tuple(source)] == layer) & (distance <= reach))
-    light = np.where(mask[..., None], rgb[tuple(source)], np.float32(0))
-    return np.stack([*np.moveaxis(light, -1, 0), mask.astype(np.float32)])
+        usable = ~(nearer | mixed) if (visible & ~mixed).any() else ~nearer
+        nearest = ndimage.distance_transform_edt(~usable, return_distances=False, return_indices=True)
+        places, sources = np.stack(np.nonzero(nearer)), nearest[:, nearer]
+        continued = (labels[tuple(sources)] == layer) & (((sources - places) ** 2).sum(axis=0) <= reach**2)
+        _copy_pixels(content, tuple(places[:, continued]), rgb, tuple(sources[:, continued]))
+    return content
+
+
+def _copy_pixels(content: NDArray[np.float32], places: Pixels, rgb: NDArray[np.float32], sources: Pixels) -> None:
+    """Gives pixels of `content` (4, y, x) the light of pixels of `rgb` (y, x, 3), and the mask 1."""
+    for channel in range(3):
+        content[channel][places] = rgb[..., channel][sources]
+    content[3][places] = 1

@@ -13,9 +13,10 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from threading import Event
+from threading import Event, Thread
 from time import monotonic
 from typing import Any
 
@@ -138,12 +139,8 @@ class OptimisationJob(BackgroundJob):
 
     def run(self, control: JobControl) -> Document:
         """Optimises on the compact grid and returns the best result as a document. Called on the job's thread."""
-        control.report(self.request.done, self.request.settings.iterations, "loading the optimiser")
-        from holoview.holograms.optimise.parallel import resolve_torch_device
-        from holoview.holograms.optimise.solve import (
-            iterate,  # slow start: it imports torch, which a viewer doesn't begin with
-        )
-
+        if not self.system.is_chain:
+            Thread(target=_load_optimiser, args=(self.request.device,)).start()
         request, target_spec, drive = self.request, self.start_document.target_spec, self._start_drive
         assert target_spec is not None
         control.report(request.done, request.settings.iterations, "building the target")
@@ -155,12 +152,13 @@ class OptimisationJob(BackgroundJob):
         seen = None if request.compares_fields else target_at_places(target_spec, system, places)
         stack = target_spec.fields_for(system) if seen is None else seen
         start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
-        state, previewed_at, device, simulated = (
-            None,
-            0.0,
-            resolve_torch_device(request.device),
-            with_compact_grid(system),
+        control.report(request.done, request.settings.iterations, "loading the optimiser")
+        from holoview.holograms.optimise.parallel import resolve_torch_device
+        from holoview.holograms.optimise.solve import (
+            iterate,  # slow start: it imports torch, which a viewer doesn't begin with
         )
+
+        state, previewed_at, device = None, 0.0, resolve_torch_device(request.device)
         control.report(request.done, request.settings.iterations, "preparing the bench, first iteration")
 
         def tell(text: str) -> None:
@@ -222,6 +220,15 @@ class OptimisationJob(BackgroundJob):
         )
         system = with_lasers_of(now, result.system) if lasers_are_as_before else now
         return system, "the bench was changed during the optimisation: the patterns are for the bench as it was before"
+
+
+def _load_optimiser(device: str) -> None:
+    """Loads what the first iteration needs, beside the building of the target."""
+    with suppress(Exception):  # the job says what is missing
+        from holoview.holograms.optimise.parallel import resolve_torch_device
+        from holoview.holograms.optimise.solve import load_beside
+
+        load_beside(resolve_torch_device(device))
 
 
 class LiveOptimisationJob(OptimisationJob):
