@@ -14,9 +14,11 @@ from imgui_bundle import imgui
 from PIL import Image
 
 import holoview as hv
+from holoview.holograms.optimise.eyes import target_at_places
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.optimise import OptimisePanel
+from holoview.viewer.document import optimisation_job
 from holoview.viewer.document.file_loader import target_from_pixels
 from holoview.viewer.document.focus_edits import toggle_eye
 from holoview.viewer.document.optimisation_job import (
@@ -84,7 +86,7 @@ def test_from_the_first_second_one_sees_the_target_and_what_is_prepared(
     gui.context.show_panel("Files")
     gui.draw_frames(3)
     goes_on = Event()
-    monkeypatch.setattr("holoview.holograms.optimise.parallel.resolve_torch_device", _held(goes_on, "cpu"))
+    monkeypatch.setattr(optimisation_job, "target_at_places", _held(goes_on, target_at_places))
     _choose(gui, iterations=4)
     gui.press_chord("Ctrl+Enter")
     job = running_optimisation(gui.session)
@@ -101,12 +103,12 @@ def test_from_the_first_second_one_sees_the_target_and_what_is_prepared(
     _until(gui, lambda: not job.is_active)
 
 
-def _held(goes_on: Event, result: str) -> Callable[[str], str]:
-    """A function that returns something when it may."""
+def _held(goes_on: Event, function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, which begins when it may."""
 
-    def hold(_: str) -> str:
+    def hold(*arguments: Any) -> Any:
         assert goes_on.wait(PATIENCE_S)
-        return result
+        return function(*arguments)
 
     return hold
 
