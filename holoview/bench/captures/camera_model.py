@@ -47,7 +47,7 @@ from holoview.light.engine.frame import relay_behind, spectrum_behind_modulators
 from holoview.light.model.bench_parts import Relay
 from holoview.light.model.effects.effect import MODULATOR_HOOKS
 from holoview.light.model.effects.hook_contexts import ModulatorContext, Pose, RelayContext
-from holoview.light.model.passband import Transfer, band_of_rows
+from holoview.light.model.passband import Transfer
 from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.fourier import chirp_z_transform, phasor_of_turns
 from holoview.light.numerics.resample import affine_warp, centred_indices
@@ -218,8 +218,8 @@ class FrequencyBand:
     @staticmethod
     def from_transfer(transfer: Transfer, grid: Grid) -> FrequencyBand:
         """The smallest such band that holds all frequencies that a transfer function passes."""
-        band = band_of_rows([transfer.support])
-        max_y, max_x = (max(0, -low, high) for low, high in zip(band.lowest, band.highest, strict=True))
+        lowest, highest = transfer.band.lowest, transfer.band.highest
+        max_y, max_x = (max(0, -low, high) for low, high in zip(lowest, highest, strict=True))
         return FrequencyBand(grid.padded, (max_y, max_x))
 
     @property

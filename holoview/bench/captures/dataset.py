@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -103,6 +104,12 @@ class SlmSpec:
     pitch_m: float
     num_levels: int
     opd_range_m: float
+
+
+@lru_cache(maxsize=16)  # a search asks for the nominal bench of the same modulators thousands of times
+def _nominal_modulator(slm: SlmSpec, shape: tuple[int, int]) -> Modulator:
+    levels = np.linspace(0.0, 1.0, slm.num_levels)
+    return Modulator(pitch_m=slm.pitch_m, shape=shape, stroke_m=slm.opd_range_m, levels=levels)
 
 
 @dataclass(frozen=True)
@@ -327,15 +334,7 @@ class Captures:
         return System(
             wavelengths_m=wavelengths,
             amplitudes=np.ones((1, len(wavelengths))),
-            modulators=tuple(
-                Modulator(
-                    pitch_m=slm.pitch_m,
-                    shape=shape,
-                    stroke_m=slm.opd_range_m,
-                    levels=np.linspace(0.0, 1.0, slm.num_levels),
-                )
-                for slm in self.slms
-            ),
+            modulators=tuple(_nominal_modulator(slm, shape) for slm in self.slms),
             gap_m=self.gap_m,
             planes_m=planes,
             relay1=self.relay1,

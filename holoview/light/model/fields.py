@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from functools import cached_property
+from functools import cache, cached_property
+from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -104,6 +105,8 @@ class Array:
     def parse(self, value: Any, where: str) -> NDArray[np.float64] | None:
         if value is None and self.optional:
             return None
+        if isinstance(value, np.ndarray) and self._holds(value):
+            return _read_only(value.copy())
         if self.axes == 1 and isinstance(value, Mapping):
             return self._linspace(value, where)
         if self.axes == 1 and (isinstance(value, str) or not isinstance(value, Iterable)):
@@ -112,6 +115,14 @@ class Array:
             rows = list(value)
             value = [rows] if rows and all(_is_scalar(row) for row in rows) else rows
         return _read_only(self._parse_nested(value, where, self.axes))
+
+    def _holds(self, array: NDArray[Any]) -> bool:
+        """Whether an array is one that was parsed, as those of a description that is copied: its numbers, one by one,
+        would take most of the time of a change."""
+        if array.dtype != np.float64 or array.ndim != self.axes or not 0 < array.size <= self.most:
+            return False
+        low, high = float(array.min()), float(array.max())
+        return math.isfinite(low) and math.isfinite(high) and self.item.low <= low and high <= self.item.high
 
     def to_toml(self, value: NDArray[np.float64] | None) -> Any:
         return None if value is None else self._to_list(value)
@@ -464,6 +475,7 @@ def with_field_docs(description: type[Any]) -> type[Any]:
     return description
 
 
+@cache
 def key_without_unit(name: str) -> str:
     """A field's key in tables: its name without the unit."""
     for unit in ("_m", "_s", "_rad", "_dpt", "_deg"):
@@ -471,9 +483,14 @@ def key_without_unit(name: str) -> str:
     return name
 
 
-def fields_by_key(description: type[Any]) -> dict[str, dataclasses.Field[Any]]:
+def fields_by_key(description: type[Any]) -> Mapping[str, dataclasses.Field[Any]]:
     """The fields of a description by their keys in tables."""
-    return {key_without_unit(field.name): field for field in dataclasses.fields(description)}
+    return _fields_by_key(description)  # type: ignore[arg-type]  # mypy doesn't know that classes are hashable
+
+
+@cache
+def _fields_by_key(description: type[Any]) -> Mapping[str, dataclasses.Field[Any]]:
+    return MappingProxyType({key_without_unit(field.name): field for field in dataclasses.fields(description)})
 
 
 def field_for(description: type[Any], key: str) -> dataclasses.Field[Any]:

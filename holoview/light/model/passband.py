@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -290,6 +290,11 @@ class Transfer:
     step: tuple[float, float]
     support: NDArray[np.int32]
     shift_m: tuple[float, float] = (0.0, 0.0)
+
+    @cached_property
+    def band(self) -> Band:
+        """The smallest rectangle that holds all frequencies that pass."""
+        return band_of_rows([self.support])
 
     @property
     def waves(self) -> float:
