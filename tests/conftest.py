@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -116,6 +117,20 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     if _mover is not None:
         number = config.getoption("reseed")
         terminalreporter.write_line(f"--reseed {number}: {_mover.moved + _moved_elsewhere} seeds moved")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[Any]:
+    """Nobody looks for garbage in what collecting makes: 700 000 objects that stay until the end.
+
+    It took 7 of the 25 seconds of collecting, and a second whenever all objects are looked through later.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
