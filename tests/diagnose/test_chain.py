@@ -11,19 +11,25 @@ from holoview.bench.captures.predictor import PLAIN, SamplingConfig
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.sampling_choice import choose_sampling, other_samplings
 from holoview.light.numerics.sampling import AREA
-from tests.diagnose.independent_chain import OF_AMPLITUDE, OF_MASK, Simulation, captures_with, draw_fault
+from tests.diagnose.independent_chain import OF_AMPLITUDE, OF_MASK, USUAL, Simulation, captures_with, draw_fault
 
 KINDS = [*((kind, False) for kind in OF_AMPLITUDE), *((kind, True) for kind in OF_MASK)]
-QUICK = [("leakage", False)]
+AS_PREDICTED = Simulation(2, 2, integrates=False)
+"""With the samples and the width that predictions have unless told otherwise: no others are sought, and a diagnosis
+takes a tenth of the time."""
 
 
 @pytest.mark.parametrize(
-    ("kind", "is_mask"), [k if k in QUICK else pytest.param(*k, marks=pytest.mark.explores) for k in KINDS]
+    ("kind", "is_mask", "by"),
+    [
+        ("leakage", False, AS_PREDICTED),
+        *(pytest.param(*kind, USUAL, marks=pytest.mark.explores) for kind in KINDS),
+    ],
 )
-def test_a_hidden_fault_of_a_chain_is_named_with_its_size(kind: str, is_mask: bool) -> None:
+def test_a_hidden_fault_of_a_chain_is_named_with_its_size(kind: str, is_mask: bool, by: Simulation) -> None:
     rng = np.random.default_rng([7, is_mask, KINDS.index((kind, is_mask))])
     fault = draw_fault(rng, kind)
-    found = diagnose(captures_with(fault, is_mask, rng))
+    found = diagnose(captures_with(fault, is_mask, rng, by))
     (cause,) = found.causes
     assert found.verdict == "explained" and cause.effect == fault.effect
     for name, value in fault.values.items():
@@ -51,7 +57,7 @@ def test_the_samples_of_a_chain_without_a_fault_are_found(integrates: bool) -> N
 
 
 def test_a_chain_sampled_as_usual_keeps_its_samples() -> None:
-    captures = captures_with(None, True, np.random.default_rng(10), Simulation(2, 2, integrates=False))
+    captures = captures_with(None, True, np.random.default_rng(10), AS_PREDICTED)
     assert choose_sampling(captures, [], {}) is None
 
 

@@ -8,12 +8,14 @@ import re
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from holoview.bench.captures import Captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose import search_context
 from holoview.bench.diagnose.judge import Verdict
@@ -35,6 +37,21 @@ from tests.patience import PATIENCE_S
 FAULTS = {"gap": {"gap_error": 2e-4}, "stroke": {"stroke_error": 0.2}}
 SESSION = AcquisitionSettings(captures_per_condition=3, seed=1)
 EFFECTS = [listed_effects()[name] for name in FAULTS]
+
+
+@cache
+def _faulty() -> Captures:
+    return make_captures(small_system(), FAULTS, SESSION)
+
+
+@cache
+def _usual() -> dict[str, Any]:
+    """What a search finds in them that nobody watches or hurries, as JSON."""
+    return diagnose(_faulty(), EFFECTS, free_maps=False).as_json()
+
+
+def _without_times(found: dict[str, Any]) -> dict[str, Any]:
+    return found | {"seconds": 0, "records": None}
 
 
 @dataclass
@@ -132,16 +149,15 @@ def test_first_predictions_set_the_pace(make_context: MakeContext, monkeypatch: 
 
 
 def test_the_work_is_told_before_the_search_and_changes_nothing() -> None:
-    captures, told = make_captures(small_system(), FAULTS, SESSION), list[str]()
+    told = list[str]()
 
     def progress(done: int, total: int, note: str) -> None:
         assert told or not note.startswith("one cause")
         assert "one cause" not in note or re.search(r"at most [\d.]+ (s|min|h) more", note)
 
-    silent = diagnose(captures, EFFECTS, free_maps=False).as_json()
-    watched = diagnose(captures, EFFECTS, free_maps=False, progress=progress, forecast=told.append).as_json()
+    watched = diagnose(_faulty(), EFFECTS, free_maps=False, progress=progress, forecast=told.append).as_json()
     assert re.fullmatch(r"The search .* 32 000 fields, about [\d.]+ (s|min|h) on this machine\. .*", *told)
-    assert silent | {"seconds": 0, "records": 0} == watched | {"seconds": 0, "records": 0}
+    assert _without_times(watched) == _without_times(_usual())
 
 
 def test_somebody_asks_in_this_process_only() -> None:
@@ -212,17 +228,16 @@ def test_processes_are_not_waited_for() -> None:
 
 
 def test_a_search_without_time_says_so_and_judges_all_the_same() -> None:
-    captures = make_captures(small_system(), FAULTS, SESSION)
-    found = diagnose(captures, EFFECTS, free_maps=False, time_s=1e-3, thorough=True)
+    found = diagnose(_faulty(), EFFECTS, free_maps=False, time_s=1e-3, thorough=True)
     assert found.verdict is Verdict.UNEXPLAINED and found.before.chi2_per_pixel > 2
     assert any("--time 10min" in note for note in found.notes)
 
 
 def test_the_best_so_far_is_the_result() -> None:
     """Asked for once a cause was told."""
-    captures, told = make_captures(small_system(), FAULTS, SESSION), list[str]()
+    told = list[str]()
     found = diagnose(
-        captures, EFFECTS, thorough=True, so_far=told.append, is_asked_to_end=lambda: any("gap" in t for t in told)
+        _faulty(), EFFECTS, thorough=True, so_far=told.append, is_asked_to_end=lambda: any("gap" in t for t in told)
     )
     assert {cause.effect for cause in found.causes} <= {"gap", "stroke"} and found.lives_in == {}
     assert found.notes[-1] == "The search was interrupted; this is the best that it had found."
@@ -238,10 +253,7 @@ def test_a_finished_search_is_no_interrupted_one() -> None:
 
 def test_without_a_time_the_clock_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine on which every second is an hour finds the same."""
-    captures = make_captures(small_system(), {"gap": FAULTS["gap"]}, SESSION)
-    usual = diagnose(captures, EFFECTS, free_maps=False)
-    clock = time.monotonic
+    usual, clock = _usual(), time.monotonic
     monkeypatch.setattr(search_context, "time", SimpleNamespace(monotonic=lambda: 3600.0 * clock()))
-    slow = diagnose(captures, EFFECTS, free_maps=False)
-    told = [{**found.as_json(), "seconds": 0, "records": None} for found in (usual, slow)]
-    assert told[0] == told[1] and slow.verdict is Verdict.EXPLAINED
+    slow = diagnose(_faulty(), EFFECTS, free_maps=False)
+    assert _without_times(slow.as_json()) == _without_times(usual) and slow.verdict is Verdict.EXPLAINED
