@@ -62,9 +62,10 @@ def test_a_pattern_that_was_not_shown_is_refused() -> None:
         import_pictures([PictureAndPattern(picture, other)], focal_length_m=0.25, **KNOWN)
 
 
-def _shown(seeds: list[int], wrong: int | None = None) -> list[PictureAndPattern]:
-    """Pictures of one bench with their patterns; the pattern of the picture `wrong` is another one."""
-    bench, shape = (BENCH, (96, 128)) if wrong is None else (replace(SMALL, coma=-0.3, defocus=0.1), PATTERN)
+def _shown(seeds: list[int], wrong: int | None = None, *, is_small: bool = False) -> list[PictureAndPattern]:
+    """Pictures of one bench with their patterns; the pattern of the picture `wrong`, of a small bench, is another."""
+    is_small = is_small or wrong is not None
+    bench, shape = (replace(SMALL, coma=-0.3, defocus=0.1), PATTERN) if is_small else (BENCH, (96, 128))
     patterns = [spread_pattern(seed, shape) for seed in seeds]
     pictures = [photograph(pattern, bench, seed=seed + 100) for pattern, seed in zip(patterns, seeds, strict=True)]
     if wrong is not None:
@@ -102,7 +103,7 @@ def test_the_camera_is_estimated_where_nobody_states_it() -> None:
     assert sum("electrons a count" in sentence for sentence in found.estimated) == 1
     assert any("brightness" in sentence for sentence in found.estimated)
     stated = KnownCamera(8, electrons_per_count=8.0, read_noise=8.0, black_level=2.0)
-    shown = [replace(one, power=2.0, exposure_s=0.1) for one in _shown([11, 12])]
+    shown = [replace(one, power=2.0, exposure_s=0.1) for one in _shown([11, 12], is_small=True)]
     known = import_pictures(shown, focal_length_m=0.25, camera=stated, **KNOWN).captures
     assert len(known.estimated) == 1 and known.estimated[0].startswith("focal length and axis")
     assert known.camera.electrons_per_count == 8.0
