@@ -24,7 +24,7 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import gaussian_filter
 
 import holoview as hv
-from holoview.holograms.metrics.likeness import luminance_contrast
+from holoview.holograms.metrics.likeness import NO_OTHERS, OtherPlanes, luminance_contrast
 from holoview.light.colour import SRGB_TO_XYZ, srgb_decode, srgb_encode
 
 Floats = NDArray[np.float64]
@@ -195,15 +195,22 @@ def _by_channel(make: Callable[[Floats], Floats], picture: NDArray[np.floating])
 
 def _hologram_targets(
     stacks: Sequence[NDArray[np.float32]], plane: int
-) -> Iterator[tuple[str, NDArray[np.floating], dict[str, NDArray[np.floating]]]]:
-    """Each kind of target beside a plane: its name, it, and those of the other planes as they go with it."""
+) -> Iterator[tuple[str, NDArray[np.floating], OtherPlanes]]:
+    """Each kind of target beside a plane: its name, it, and those of the other planes as they go with it.
+
+    They were made for their planes, but for that of another plane, as of a focal stack out of order.
+    """
     own = {f"at plane {k}": picture for k, picture in enumerate(stacks[0])}
     rest = {k: v for k, v in own.items() if k != f"at plane {plane}"}
     for kind, make in WRONG.items():
-        yield kind, _by_channel(make, stacks[0][plane]), {k: _by_channel(make, v) for k, v in rest.items()}
-    yield "another picture", stacks[1][plane], {}
+        yield (
+            kind,
+            _by_channel(make, stacks[0][plane]),
+            OtherPlanes({k: _by_channel(make, v) for k, v in rest.items()}, are_mistakable=False),
+        )
+    yield "another picture", stacks[1][plane], NO_OTHERS
     far = 0 if plane else len(stacks[0]) - 1
-    yield "another plane", stacks[0][far], {k: v for k, v in own.items() if k != f"at plane {far}"}
+    yield "another plane", stacks[0][far], OtherPlanes({k: v for k, v in own.items() if k != f"at plane {far}"})
 
 
 def main(arguments: list[str] | None = None) -> int:

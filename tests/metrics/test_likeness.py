@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from holoview.holograms.metrics.likeness import likeness, luminance_contrast
+from holoview.holograms.metrics.likeness import OtherPlanes, likeness, luminance_contrast
 from holoview.light.colour import SRGB_TO_XYZ
 from holoview.viewer.document.measurements import contrast_by_wavelength, measure_region
 from tests.document.conftest import small_system
@@ -140,11 +141,39 @@ def test_the_target_of_another_plane_is_said() -> None:
     """Beside a stack of a sharp and two blurred pictures, of which the picture shows the first."""
     scene = _scene(5)
     near, far = (ndimage.gaussian_filter(scene, (0, width), mode="nearest") for width in (3.0, 8.0))
-    picture, others = scene * _speckle(61, patterns=16), {"at 5 mm": _grey(scene), "at 9 mm": _grey(near)}
+    picture, others = scene * _speckle(61, patterns=16), OtherPlanes({"at 5 mm": _grey(scene), "at 9 mm": _grey(near)})
     found = luminance_contrast(picture, WHOLE, _grey(far), others=others)
     assert found.better is not None and found.better.what == "at 5 mm" and "at 5 mm it leaves" in found.withheld
-    right = luminance_contrast(picture, WHOLE, _grey(scene), others={"at 9 mm": _grey(near), "at 12 mm": _grey(far)})
+    rest = OtherPlanes({"at 9 mm": _grey(near), "at 12 mm": _grey(far)})
+    right = luminance_contrast(picture, WHOLE, _grey(scene), others=rest)
     assert right.better is None and not right.withheld
+
+
+def test_of_a_target_made_for_its_plane_it_is_only_said_that_that_of_another_plane_fits_better() -> None:
+    """A hologram that shows at its first plane what is at its second, as one of few iterations does, has no other one.
+
+    Of the speckle s of 16 patterns and the target M' that is shown, division by M leaves the contrast of s·M'/M.
+    """
+    near = _scene(5)
+    far = ndimage.gaussian_filter(near, (0, 6.0), mode="nearest")
+    speckle = _speckle(61, patterns=16)
+    given = OtherPlanes({"at 5 mm": _grey(near)})
+    made = replace(given, are_mistakable=False)
+    withheld, stated = (luminance_contrast(near * speckle, WHOLE, _grey(far), others=of) for of in (given, made))
+    assert "at 5 mm it leaves" in withheld.withheld and not withheld.doubt
+    assert not stated.withheld and stated.has_target and stated.doubt.startswith("another target fits better: at 5 mm")
+    ratio = speckle * near / far
+    assert stated.estimate.contrast == pytest.approx(ratio.std() / ratio.mean(), rel=0.05)
+
+
+def test_a_target_with_next_to_no_structure_is_not_withheld_for_what_it_happens_to_share() -> None:
+    """A tilt of 10⁻⁶ has a share of thousands of some speckle, of either sign, and division by it changes nothing."""
+    tilt = np.broadcast_to(1 + 1e-6 * np.linspace(-1, 1, SIDE), (SIDE, SIDE))
+    for seed in range(4):
+        for picture in (_speckle(seed), _speckle(seed) * (tilt - 1e5 * (tilt - 1))):
+            found = luminance_contrast(picture, WHOLE, _grey(tilt))
+            assert not found.withheld
+            assert found.estimate.contrast == pytest.approx(found.raw.contrast, rel=1e-4)
 
 
 def test_a_right_target_is_stated_for_any_seed_and_contrast() -> None:

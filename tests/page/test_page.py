@@ -17,7 +17,7 @@ from scipy import ndimage
 
 import holoview as hv
 from holoview.holograms.metrics.fidelity import psnr_linear_srgb
-from holoview.holograms.metrics.likeness import luminance_contrast
+from holoview.holograms.metrics.likeness import OtherPlanes, luminance_contrast
 from holoview.holograms.metrics.speckle import speckle_contrast
 from holoview.holograms.targets.focal_stack import Target
 from holoview.light.colour import COLOUR_SPACES, SRGB_TO_XYZ, fitting_stops, srgb_decode
@@ -224,7 +224,11 @@ def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, 
 
 @needs_chromium
 @pytest.mark.parametrize(
-    "how", ["right", "blurred", "displaced", "up", "mirrored", "tone curve", "something else", "another plane"]
+    "how",
+    [
+        *("right", "blurred", "displaced", "up", "mirrored", "tone curve", "something else", "another plane"),
+        "another plane, known to be none",
+    ],
 )
 def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Written, how: str) -> None:
     """A drawn scene with gamma-law speckle beside a target of 8-bit codes: the same contrast, blur and sentence."""
@@ -235,15 +239,15 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
     light = np.roll(light, 4, axis=1) if how == "displaced" else light**0.4 if how == "tone curve" else light
     light = np.roll(light, (-1, 2), axis=(0, 1)) if how == "up" else light[:, ::-1] if how == "mirrored" else light
     other = ndimage.gaussian_filter(codes, (0, 6))
-    light = srgb_decode(other / 255.0) if how == "another plane" else light
+    light = srgb_decode(other / 255.0) if how.startswith("another plane") else light
     light[20:40, 30:60] = 2.0 if how == "something else" else light[20:40, 30:60]
     y = (light * ndimage.uniform_filter(rng.gamma(4, 0.25, light.shape), 3)).astype(np.float32)
-    region = (5, 4, 80, 60)
+    region, are_mistakable = (5, 4, 80, 60), how == "another plane"
     xyz, target, blurred = (np.repeat(of[..., None], 4, axis=-1) for of in (y, codes, other))
     found = page.evaluate(
         """d => {
             const [target, other] = [d.codes, d.other].map(of => targetOf(Uint8Array.from(of), d.width, d.luminance))
-            return speckle(Float32Array.from(d.xyz), d.width, d.region, target, [["at 12 mm", other]])
+            return speckle(Float32Array.from(d.xyz), d.width, d.region, target, [["at 12 mm", other]], d.areMistakable)
         }""",
         {
             "xyz": xyz.ravel().tolist(),
@@ -252,12 +256,15 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
             "width": y.shape[1],
             "region": dict(zip(("x", "y", "width", "height"), region, strict=True)),
             "luminance": SRGB_TO_XYZ[1].tolist(),
+            "areMistakable": are_mistakable,
         },
     )
     pictures = [np.repeat(of[..., None], 3, axis=-1) for of in (linear, srgb_decode(other / 255.0))]
-    known = luminance_contrast(y, region, pictures[0], others={"at 12 mm": pictures[1]})
-    assert (found["withheld"], found["blur_px"]) == (known.withheld, known.blur_px)
-    assert bool(known.withheld) == (how not in ("right", "blurred"))
+    known = luminance_contrast(y, region, pictures[0], others=OtherPlanes({"at 12 mm": pictures[1]}, are_mistakable))
+    assert [found[key] for key in ("withheld", "doubt", "blur_px")] == [known.withheld, known.doubt, known.blur_px]
+    is_stated = how in ("right", "blurred", "another plane, known to be none")
+    assert bool(known.withheld) != is_stated
+    assert known.doubt.startswith("another target fits better: at 12 mm") == how.endswith("none")
     if not known.withheld:
         assert found["contrast"] == pytest.approx(known.estimate.contrast, rel=1e-9)
     assert browser.close_pages() == []

@@ -27,6 +27,7 @@ from holoview.bench.captures.dataset import Camera
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, read_out
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.grains import PixelNoise
+from holoview.holograms.metrics.likeness import NO_OTHERS, OtherPlanes
 from holoview.holograms.metrics.speckle import CONE_ARCMIN, Floats, mean_wavelength, seen_by_cones
 from holoview.holograms.metrics.speckle_measurement import (
     LaserImages,
@@ -153,7 +154,7 @@ def measure_hologram(
     system = meter.bench(hologram.system)
     view = simulate(system, hologram.drive, [plane_m], backend="torch")
     plan = make_plan(system, [plane_m])
-    known, others = (None, {}) if target is None else _target_at(target, system, plane_m)
+    known, others = (None, NO_OTHERS) if target is None else _target_at(target, system, plane_m)
     lasers = laser_images(view, plan)
     if meter.camera is not None:
         shown = Hologram(hologram.drive, system)
@@ -170,10 +171,8 @@ def measure_hologram(
     return MeasuredHologram(shown, view, found, _reading(system, meter), known)
 
 
-def _target_at(
-    target: TargetSource, system: System, plane_m: float
-) -> tuple[NDArray[np.floating], dict[str, NDArray[np.floating]]]:
-    """The picture (y, x, 3) of a target at a plane, and those at others by their names.
+def _target_at(target: TargetSource, system: System, plane_m: float) -> tuple[NDArray[np.floating], OtherPlanes]:
+    """The picture (y, x, 3) of a target at a plane, and those at others.
 
     Raises UserError for a focal stack that has none there.
     """
@@ -189,7 +188,8 @@ def _target_at(
             remedy="choose one by --plane; a picture that is out of focus there is another one",
         )
     rest = {k: of for k, of in enumerate(built.stack) if abs(planes_m[k] - planes_m[nearest]) > _SAME_PLANE_M}
-    return built.stack[nearest], {f"at {plane_label(system, float(planes_m[k]))}": of for k, of in rest.items()}
+    named = {f"at {plane_label(system, float(planes_m[k]))}": of for k, of in rest.items()}
+    return built.stack[nearest], OtherPlanes(named, are_mistakable=built.are_planes_given)
 
 
 def laser_images(view: View, plan: Plan) -> LaserImages:

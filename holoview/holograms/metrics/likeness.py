@@ -47,11 +47,13 @@ shown and 1 where M' is. The other one is better where this share is above a hal
 blocks hold or more, and the reverse, that of M/M' in I/M', isn't. That is said, and the contrast is withheld where C is
 a tenth above what the other one leaves. A hologram of few pixels or iterations shows at its first and last planes what
 is between them, and its tones aren't yet right, so that the target of another plane or with a tone curve fits better by
-up to a fifth: there the limit is this, and 10 % r.m.s.
+up to a fifth: there the limit is this, and 10 % r.m.s. Where the targets were made for their planes, from a depth, none
+is another plane's, however much better that fits: this is said, and what the hologram lacks of its depth adds to C.
 
-A target with hardly any structure decides nothing, and changes nothing: division by a T that isn't shown raises C by
-about C_T²/2C, which exceeds the standard error of C, C/√(2n) of n grains, only where b is known to C/(C_T·√n) =
-(2n)^(−1/4). What is left is judged where C_T² is a tenth of C² or more.
+A target with hardly any structure decides nothing, and changes nothing: division changes C² by C_T²·(1 − 2b), and a
+share b decides where that can be a hundredth of C². Division by a T that isn't shown raises C by about C_T²/2C, which
+exceeds the standard error of C, C/√(2n) of n grains, only where b is known to C/(C_T·√n) = (2n)^(−1/4). What is left is
+judged where C_T² is a tenth of C² or more.
 """
 
 from __future__ import annotations
@@ -59,7 +61,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -87,6 +89,7 @@ WIDTHS = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 _BLOCKS, _LEVELS = 8, 8
 _SIGMAS = 2.0
 _LEAST_STRUCTURE = 0.1  # C_T² over C², from which what is left of a target is judged
+_LEAST_CHANGE = 0.01  # of C² by division, from which the share of a target's structure is judged
 _MOST_EDGES = 0.15  # of the variance left
 _MOST_ADDED, _MOST_OF_SPECKLE = 1.05, 1.1  # of the contrast by division; a contrast that is a tenth too large
 _MOST_UNEVEN = 0.1  # r.m.s. of the brightness
@@ -141,13 +144,29 @@ class StructureLeft:
         return [(share, what) for share, most, what in limits if share.at_least > most]
 
 
+@dataclass(frozen=True, eq=False)
+class OtherPlanes:
+    """The targets (y, x, 3) of other planes than the one that is measured, by what they are in words.
+
+    are_mistakable: whether one of them may be that of the measured plane: those of a focal stack out of order. Where
+    each was made for its plane, from a depth, it is only said that another one fits better.
+    """
+
+    targets: Mapping[str, NDArray[np.floating]] = field(default_factory=dict)
+    are_mistakable: bool = True
+
+
+NO_OTHERS = OtherPlanes()
+
+
 @dataclass(frozen=True)
 class BetterTarget:
     """Another target that a picture fits clearly better than the one it is measured beside.
 
     what: the other one, in words that go on "the target". contrast, given: that are left by it and by the given one,
     over the samples that both light. displacement_px: (y, x) of the given one; 0 of others. is_common: whether a
-    hologram of the right target may fit it, too: that of another plane, one with a tone curve.
+    hologram of the right target may fit it, too: that of another plane, one with a tone curve. is_known_wrong: whether
+    it is known not to be the one that the picture should show.
     """
 
     what: str
@@ -155,10 +174,13 @@ class BetterTarget:
     given: float
     displacement_px: tuple[int, int] = (0, 0)
     is_common: bool = False
+    is_known_wrong: bool = False
 
     @property
     def decides(self) -> bool:
         """Whether the contrast beside the given target is too far off to be stated."""
+        if self.is_known_wrong:
+            return False
         if not self.is_common:
             return self.given > _MOST_ABOVE * self.contrast
         return self.given > max(_MOST_ABOVE_COMMON * self.contrast, math.hypot(self.contrast, _MOST_UNEVEN))
@@ -191,21 +213,26 @@ class LuminanceContrast:
     better: BetterTarget | None = None
     displacement_px: tuple[int, int] = (0, 0)
 
+    @property
+    def doubt(self) -> str:
+        """That another target fits better than the one whose structure was divided out; "" where none does."""
+        return f"another target fits better: {self.better.text}" if self.has_target and self.better is not None else ""
+
 
 def luminance_contrast(
     luminance: NDArray[np.floating],
     region: Region,
     target: NDArray[np.floating] | None = None,
     noise: PixelNoise | SumNoise | None = None,
-    others: Mapping[str, NDArray[np.floating]] | None = None,
+    others: OtherPlanes = NO_OTHERS,
     *,
     is_aligned: bool = False,
 ) -> LuminanceContrast:
     """The contrast of a region of a luminance (y, x), as viewer, page, `contrast` and `report` state it.
 
     target: (y, x, 3) in linear sRGB, whose structure is divided out unless it is black in the region. noise: of a
-    camera's pixels in the luminance, which is taken off. others: targets like it that may be shown in its place, by
-    what they are in words. is_aligned: moves the target to where it fits, by whole samples.
+    camera's pixels in the luminance, which is taken off. others: targets that may be shown in its place. is_aligned:
+    moves the target to where it fits, by whole samples.
     Raises UserError as `speckle_contrast` does.
     """
     own_noise = noise.within(region) if isinstance(noise, SumNoise) else noise
@@ -220,12 +247,12 @@ def luminance_contrast(
     estimate, raw, alike = contrast_estimate(pattern, own_noise), plain.contrast, likeness(plain.values, shown)
     has_structure = float(shown.std() / shown.mean()) ** 2 >= _LEAST_STRUCTURE * pattern.contrast.contrast**2
     left = structure_left(pattern, shown) if has_structure else None
-    better = _better_target(plain.values, known, region, blur_px, shown, others or {})
+    better = _better_target(plain.values, known, region, blur_px, shown, others)
     if is_aligned and better is not None and any(better.displacement_px):
         moved = displaced(target, better.displacement_px)
         found = luminance_contrast(luminance, region, moved, noise, others)
         return replace(found, displacement_px=better.displacement_px)
-    reason = _why_withheld(alike, left, pattern, raw.contrast)
+    reason = _why_withheld(alike, left, pattern, shown, raw.contrast)
     if better is not None and better.decides:
         is_shown_in_part = better.is_common and alike.at_most < LEAST_SHARE
         said = reason if is_shown_in_part else "the target isn't what is shown here"
@@ -236,14 +263,17 @@ def luminance_contrast(
     return LuminanceContrast(estimate, pattern, raw, True, "", alike, blur_px, left, better)
 
 
-def _why_withheld(alike: Likeness, left: StructureLeft | None, pattern: SpecklePattern, raw: float) -> str:
-    """Why a contrast isn't to be stated; "" where it is."""
-    if alike.at_most < LEAST_SHARE:
+def _why_withheld(
+    alike: Likeness, left: StructureLeft | None, pattern: SpecklePattern, shown: Floats, raw: float
+) -> str:
+    """Why a contrast isn't to be stated; "" where it is. shown: (y, x), by which the pattern is divided."""
+    contrast, structure = pattern.contrast.contrast, float(shown.std() / shown.mean())
+    is_judged = structure**2 * (1 + 2 * abs(alike.share)) >= _LEAST_CHANGE * contrast**2
+    if is_judged and alike.at_most < LEAST_SHARE:
         return (
             f"the picture doesn't show the target here: it has {100 * alike.share:.0f} ± "
             f"{100 * alike.standard_error:.0f} % of its structure"
         )
-    contrast = pattern.contrast.contrast
     if contrast > _MOST_ADDED * raw:
         return (
             f"the target isn't what is shown here: division by it raises the contrast from {raw:.3f} to {contrast:.3f}"
@@ -402,16 +432,15 @@ def _better_target(
     region: Region,
     blur_px: float,
     shown: Floats,
-    others: Mapping[str, NDArray[np.floating]],
+    others: OtherPlanes,
 ) -> BetterTarget | None:
     """The target that fits a region's values (y, x) best, if clearly better than the given one.
 
-    target: (y, x), luminance of the image. shown: of it in the region, blurred by `blur_px`. others: (y, x, 3), by what
-    they are.
+    target: (y, x), luminance of the image. shown: of it in the region, blurred by `blur_px`.
     """
     by_px, fits = _displacement(values, target, region), list[BetterTarget]()
     moved = {} if by_px == (0, 0) else {_displacement_in_words(by_px): np.asarray(displaced(target, by_px))}
-    light, known = np.clip(target, 0.0, None), {name: target_luminance(of, region) for name, of in others.items()}
+    light, known = np.clip(target, 0.0, None), {k: target_luminance(of, region) for k, of in others.targets.items()}
     common = {
         "read as a signal, not as light,": light**_SIGNAL,
         "read as light, not as a signal,": light ** (1 / _SIGNAL),
@@ -425,7 +454,9 @@ def _better_target(
             continue
         _, fitted = _resolved(values, rival, region)
         if (contrasts := _contrasts_if_better(values, shown, fitted)) is not None:
-            fits.append(BetterTarget(what, *contrasts, by_px if what in moved else (0, 0), what in common))
+            is_known_wrong = what in known and not others.are_mistakable
+            by = by_px if what in moved else (0, 0)
+            fits.append(BetterTarget(what, *contrasts, by, what in common, is_known_wrong))
     return min(fits, key=lambda of: of.contrast / of.given, default=None)
 
 

@@ -20,7 +20,7 @@ With the mean luminance m of each laser, its contrast C and the correlations ρ 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -32,9 +32,11 @@ from scipy.optimize import nnls
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate, noise_variance
 from holoview.holograms.metrics.likeness import (
+    NO_OTHERS,
     BetterTarget,
     Likeness,
     LuminanceContrast,
+    OtherPlanes,
     StructureLeft,
     displaced,
     luminance_contrast,
@@ -270,7 +272,7 @@ def measure_speckle(
     target: NDArray[np.floating] | None = None,
     lasers: LaserImages | None = None,
     noise: PixelNoise | SumNoise | None = None,
-    others: Mapping[str, NDArray[np.floating]] | None = None,
+    others: OtherPlanes = NO_OTHERS,
     *,
     is_aligned: bool = False,
 ) -> SpeckleMeasurement:
@@ -324,8 +326,8 @@ def _notes_beside_target(measured: LuminanceContrast) -> Iterator[str]:
         yield f"the target was moved to where it fits, {right} samples to the right and {down} down"
     if not measured.has_target:
         return
-    if measured.better is not None:
-        yield f"another target fits better: {measured.better.text}"
+    if measured.doubt:
+        yield measured.doubt
     alike = measured.likeness
     if alike is not None and math.isfinite(alike.standard_error) and alike.at_least < 0:
         yield (

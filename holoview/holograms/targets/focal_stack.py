@@ -65,7 +65,8 @@ class Target:
     """The focal stack that a hologram is optimised for.
 
     stack: (plane, y, x, 3) float32 linear sRGB with `brightness` already applied. planes_m: distances of the planes.
-    source: its source, in words. notes: changes that were made on the way, for the user.
+    source: its source, in words. notes: changes that were made on the way, for the user. are_planes_given: whether its
+    pictures were given for the planes, as those of a rendered stack are, not made for them.
     Raises UserError when the numbers of pictures and of planes differ, ValueError for other shapes.
     """
 
@@ -74,6 +75,7 @@ class Target:
     source: str
     brightness: float = 1.0
     notes: tuple[str, ...] = ()
+    are_planes_given: bool = False
 
     def __post_init__(self) -> None:
         if self.stack.ndim != 4 or self.stack.shape[-1] != 3:
@@ -210,7 +212,8 @@ def target_from_stack(
     planes_m = focused_planes(system)
     pictures = read_resized_pictures(path, make_plan(system).grid.shape, space, len(planes_m))
     stack = np.stack([scale_saturation(picture.rgb, saturation) for picture in pictures])
-    return Target.from_stack(stack, tuple(planes_m), str(path), brightness, merge_notes(pictures))
+    target = Target.from_stack(stack, tuple(planes_m), str(path), brightness, merge_notes(pictures))
+    return replace(target, are_planes_given=True)
 
 
 def read_resized_pictures(

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.holograms.metrics.likeness import NO_OTHERS, OtherPlanes
 from holoview.holograms.optimise.eyes import OptimisedEyes
 from holoview.holograms.optimise.settings import FIELD_LOSS, FIELD_LOSS_DOC, INITIAL_PATTERNS, LOSS_SPACES, Settings
 from holoview.holograms.view import random_drive
@@ -421,10 +422,10 @@ class EditingSession:
         plane_m = self.view_settings.plane_m if plane_m is None else plane_m
         return self.target_builder.get(self.target_spec, self.system, plane_m)
 
-    def other_targets(self) -> dict[str, NDArray[np.float32]]:
-        """The targets (y, x, 3) at planes that aren't displayed, as far as they are built, by what they are."""
+    def other_targets(self) -> OtherPlanes:
+        """The targets (y, x, 3) at planes that aren't displayed, as far as they are built."""
         if self.target_spec is None:
-            return {}
+            return NO_OTHERS
         return self.target_builder.others(self.target_spec, self.system, self.view_settings.plane_m)
 
     def target_for(self, side: ComparisonSide) -> NDArray[np.float32] | None:

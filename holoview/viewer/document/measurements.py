@@ -7,9 +7,9 @@ contrast by the number of wavelengths; lines and pixels;
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from holoview.holograms.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
 from holoview.holograms.metrics.grains import contrast_estimate
-from holoview.holograms.metrics.likeness import luminance_contrast, shown_target
+from holoview.holograms.metrics.likeness import NO_OTHERS, OtherPlanes, luminance_contrast, shown_target
 from holoview.holograms.metrics.speckle import (
     RetinalContrast,
     SpeckleHistogram,
@@ -53,7 +53,7 @@ class RegionMetrics:
     """Measurements of a region.
 
     contrast: speckle contrast σ/μ of the luminance, divided by the target's luminance if there is a target; None where
-    it is withheld, and why. standard_error: of it, or of the raw one where it is withheld.
+    it is withheld, and why. doubt: of a stated one. standard_error: of it, or of the raw one where it is withheld.
     raw_contrast: the same without this division. mean: mean luminance, 1 is white. n_pixels: number of samples.
     psnr_db: PSNR of linear sRGB clipped to 0…1; delta_e: mean CIEDE2000; both None without a target.
     """
@@ -64,6 +64,7 @@ class RegionMetrics:
     mean: float
     n_pixels: int
     withheld: str = ""
+    doubt: str = ""
     psnr_db: float | None = None
     delta_e: float | None = None
 
@@ -77,11 +78,11 @@ def measure_region(
     xyz: NDArray[np.floating],
     region: Region,
     target: NDArray[np.floating] | None = None,
-    others: Mapping[str, NDArray[np.floating]] | None = None,
+    others: OtherPlanes = NO_OTHERS,
 ) -> RegionMetrics:
     """Measures a region (x, y, width, height) of XYZ (y, x, 3), compared with a target (y, x, 3) in linear sRGB.
 
-    others: targets of other planes, by what they are.
+    others: targets that may be shown in its place.
     Raises UserError for a region outside the image, one without light, and a target of another shape.
     """
     if target is not None and target.shape != xyz.shape:
@@ -94,6 +95,7 @@ def measure_region(
         mean=found.raw.mean,
         n_pixels=found.raw.n_pixels,
         withheld=found.withheld,
+        doubt=found.doubt,
     )
     if target is None:
         return metrics
@@ -105,13 +107,13 @@ def measure_region(
 class ShownImage:
     """An image that is shown: a name for people, XYZ (y, x, 3), and its target (y, x, 3) in linear sRGB.
 
-    other_targets: of other planes, by what they are.
+    other_targets: of other planes.
     """
 
     name: str
     xyz: NDArray[np.floating]
     target: NDArray[np.floating] | None = None
-    other_targets: Mapping[str, NDArray[np.floating]] = field(default_factory=dict)
+    other_targets: OtherPlanes = NO_OTHERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +324,7 @@ class LiveMeasurement:
         target: Image | None = None,
         luminance: Image | None = None,
         others: Sequence[ShownImage] = (),
-        other_targets: Mapping[str, Image] | None = None,
+        other_targets: OtherPlanes = NO_OTHERS,
     ) -> None:
         """Requests measurements of an image; see `measure_image`. The arrays must not be changed afterwards."""
         self._task.submit(
@@ -344,7 +346,7 @@ def measure_image(
     target: Image | None = None,
     luminance: Image | None = None,
     others: Sequence[ShownImage] = (),
-    other_targets: Mapping[str, Image] | None = None,
+    other_targets: OtherPlanes = NO_OTHERS,
 ) -> ImageMeasurements:
     """Measures the image XYZ (y, x, 3) of a document.
 
@@ -352,7 +354,7 @@ def measure_image(
     images beside it, in which the same regions are measured. other_targets: of other planes. An error that the user can
     correct, such as a dark region, is stored as `problem`.
     """
-    images = [ShownImage(document.title, xyz, target, other_targets or {}), *others]
+    images = [ShownImage(document.title, xyz, target, other_targets), *others]
     rows = [row for image in images for row in measure_regions(image, document.measured_regions, document.image_shape)]
     first = next(row for row in rows if row.region == document.measured_region)
     region, histogram, curve, problem, retinal = first.metrics, None, None, first.problem, None

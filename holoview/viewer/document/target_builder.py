@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from holoview.holograms.files.request import ReadRequest
 from holoview.holograms.load_field import is_field_file, open_hologram
+from holoview.holograms.metrics.likeness import OtherPlanes
 from holoview.holograms.targets.focal_stack import Target
 from holoview.holograms.targets.framing import Framing
 from holoview.holograms.targets.light_field import LightField, is_light_field, read_light_field
@@ -178,12 +179,11 @@ class TargetBuilder:
         self._task.submit(request.build, partial(self._on_built, request), request.key)
         return None
 
-    def others(self, target_spec: TargetSpec, system: System, plane_m: float) -> dict[str, Image]:
-        """The targets that are built for other planes of the system, by what they are."""
+    def others(self, target_spec: TargetSpec, system: System, plane_m: float) -> OtherPlanes:
+        """The targets that are built for other planes of the system."""
         found = {float(z): self._cache.get(_TargetRequest(target_spec, system, float(z)).key) for z in system.planes_m}
-        return {
-            f"at {plane_label(system, z)}": image for z, image in found.items() if image is not None and z != plane_m
-        }
+        named = {f"at {plane_label(system, z)}": of for z, of in found.items() if of is not None and z != plane_m}
+        return OtherPlanes(named, are_mistakable=target_spec.is_stack)
 
     @property
     def is_building(self) -> bool:

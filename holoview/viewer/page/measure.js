@@ -318,7 +318,7 @@ function contrastsIfBetter(values, wanted, rival, blocks) {
 
 // The target that fits values best, if clearly better than the given one; null where there is none. shown: of
 // `shownTarget`. others: [what, target] of other planes.
-function betterTarget(values, target, shown, region, blocks, others) {
+function betterTarget(values, target, shown, region, blocks, others, areMistakable) {
     const { rows, width } = target, curve = power => ({ ...target, values: target.values.map(value => value ** power) })
     const by = displacementOf(values, target, region)
     const words = [[by[1], "to the right", "to the left"], [by[0], "down", "up"]].filter(([n]) => n)
@@ -328,31 +328,36 @@ function betterTarget(values, target, shown, region, blocks, others) {
         ["upside down", rearranged(target, (y, x) => [rows - 1 - y, x])],
         ["turned by 180°", rearranged(target, (y, x) => [rows - 1 - y, width - 1 - x])],
     ]
-    const common = [["read as a signal, not as light,", curve(2.2)], ["read as light, not as a signal,", curve(1 / 2.2)], ...others]
+    const common = [["read as a signal, not as light,", curve(2.2)], ["read as light, not as a signal,", curve(1 / 2.2)]]
     if (moved) turned.unshift([`displaced by ${moved}`, rearranged(target, (y, x) => [y - by[0], x - by[1]])])
     const most = 1.05 * contrastLeft(values, shown.wanted)
     let best = null
-    for (const [what, rival] of [...turned, ...common]) {
+    for (const [what, rival] of [...turned, ...common, ...others]) {
         if (contrastLeft(values, blurredTarget(targetAround(rival, region), region, shown.blur)) > most) continue
         const fitted = shownTarget(values, rival, region), found = fitted && contrastsIfBetter(values, shown.wanted, fitted.wanted, blocks)
-        if (found && (!best || found.contrast / found.given < best.contrast / best.given)) best = { what, ...found, isCommon: common.some(([name]) => name === what) }
+        if (found && (!best || found.contrast / found.given < best.contrast / best.given)) best = { what, ...found, isCommon: [...common, ...others].some(([name]) => name === what), isKnownWrong: !areMistakable && others.some(([name]) => name === what) }
     }
     return best
 }
 
+// What fits better, and by how much.
+const textOf = ({ what, contrast, given }) => `${what} it leaves a contrast of ${contrast.toFixed(3)}, as it is ${given.toFixed(3)}`
+
 // Why a contrast isn't to be stated beside a better target; `reason` where that doesn't decide. alike: to the given one.
 function whyAnother(better, alike, reason) {
-    if (!better) return reason
-    const { contrast, given, what, isCommon } = better
+    if (!better || better.isKnownWrong) return reason
+    const { contrast, given, isCommon } = better
     if (given <= (isCommon ? Math.max(1.2 * contrast, Math.hypot(contrast, 0.1)) : 1.1 * contrast)) return reason
     const first = isCommon && alike.share + 2 * alike.error < 0.5 ? reason : "the target isn't what is shown here"
-    return `${first}; ${what} it leaves a contrast of ${contrast.toFixed(3)}, as it is ${given.toFixed(3)}`
+    return `${first}; ${textOf(better)}`
 }
 
 // Why a contrast isn't to be stated; "" where it is. ratio, usable: of `structureFree`.
 function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
     const blocks = blocksOf(region), alike = likeness(values, wanted, blocks), percent = ({ share, error }) => `${(100 * share).toFixed(0)} ± ${(100 * error).toFixed(0)} %`
-    if (alike.share + 2 * alike.error < 0.5) return `the picture doesn't show the target here: it has ${percent(alike)} of its structure`
+    const structure = moments(wanted), variation = (structure.std / structure.mean) ** 2
+    const isJudged = variation * (1 + 2 * Math.abs(alike.share)) >= 0.01 * divided.contrast ** 2
+    if (isJudged && alike.share + 2 * alike.error < 0.5) return `the picture doesn't show the target here: it has ${percent(alike)} of its structure`
     const other = "the target isn't what is shown here:"
     if (divided.contrast > 1.05 * raw) {
         return `${other} division by it raises the contrast from ${raw.toFixed(3)} to ${divided.contrast.toFixed(3)}, and would lower that of a picture which shows it`
@@ -363,8 +368,7 @@ function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
     if (divided.contrast > 1.1 && divided.contrast - scatter / (divided.contrast * total(usable)) > 1) {
         return `${other} division by it leaves ${divided.contrast.toFixed(3)}, and speckle has 1 at most`
     }
-    const structure = moments(wanted)
-    if ((structure.std / structure.mean) ** 2 < 0.1 * divided.contrast ** 2) return ""
+    if (variation < 0.1 * divided.contrast ** 2) return ""
     const limits = [
         [explained(levelFeatures(rest, wanted, usable, blocks), variance), 0.2, "follows its levels"],
         [explained(edgeFeatures(rest, wanted, usable, region, blocks), variance), 0.15, "follows its edges, as if it were displaced"],
@@ -380,24 +384,28 @@ function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
 // Contrast σ/μ of the luminance in a region, the structure of a target divided out where one is given and shown
 // (`structureFree`), with a histogram of what counts over its mean in 32 bins of 1/8, the last of which takes all that is
 // brighter. mean, raw_contrast: of the luminance as it is. withheld: why contrast is null, as the target isn't shown.
+// doubt: that another target fits better than the one whose structure is divided out.
 // blur_px: of the target in the picture. target: of `targetOf`. others: [what, target] of other planes.
-function speckle(xyz, width, region, target = null, others = []) {
+// areMistakable: whether one of these may be the given plane's; else it is only said that one fits better.
+function speckle(xyz, width, region, target = null, others = [], areMistakable = true) {
     const plain = new Float64Array(region.width * region.height)
     plain.forEach((_, k) => { plain[k] = xyz[4 * ((region.y + Math.floor(k / region.width)) * width + region.x + (k % region.width)) + 1] })
     const raw = moments(plain), rawContrast = raw.std / raw.mean
     const shown = target && shownTarget(plain, target, region)
-    let values = plain, { mean, std } = raw, withheld = "", divided = false
+    let values = plain, { mean, std } = raw, withheld = "", doubt = "", divided = false
     if (shown) {
         const free = structureFree(plain, shown.wanted), counted = free.ratio.filter((_, k) => free.usable[k]), own = moments(counted)
         const blocks = blocksOf(region), alike = likeness(plain, shown.wanted, blocks)
         const reason = whyWithheld(plain, shown.wanted, free, region, { ...own, contrast: own.std / own.mean }, rawContrast)
-        withheld = whyAnother(betterTarget(plain, target, shown, region, blocks, others), alike, reason)
+        const better = betterTarget(plain, target, shown, region, blocks, others, areMistakable)
+        withheld = whyAnother(better, alike, reason)
+        if (better && !withheld) doubt = `another target fits better: ${textOf(better)}`
         if (!withheld) [values, mean, std, divided] = [counted, own.mean, own.std, true]
     }
     const histogram = new Array(32).fill(0)
     for (const value of values) histogram[Math.min(Math.floor((value / mean) * 8), 31)] += 1
     const contrast = withheld ? null : std / mean, blur_px = shown ? shown.blur : 0
-    return { mean: raw.mean, std: (std / mean) * raw.mean, contrast, raw_contrast: rawContrast, samples: values.length, histogram, divided, withheld, blur_px }
+    return { mean: raw.mean, std: (std / mean) * raw.mean, contrast, raw_contrast: rawContrast, samples: values.length, histogram, divided, withheld, doubt, blur_px }
 }
 
 // PSNR in dB, peak 1, of linear sRGB clipped to 0…1 against a target of 8-bit sRGB codes (y, x, 4).

@@ -319,7 +319,7 @@ class Viewer {
             return { ...speckle(xyz, width, r), contrast: null, withheld }
         }
         const targets = await this.targets(), others = targets.map((target, k) => [`at ${WHOLE_MM(PAGE.target.planes_m[k])}`, target])
-        const found = speckle(xyz, width, r, targets[this.targetIndex], others.filter((_, k) => k !== this.targetIndex))
+        const found = speckle(xyz, width, r, targets[this.targetIndex], others.filter((_, k) => k !== this.targetIndex), PAGE.target.are_planes_given)
         return { ...found, psnr_db: psnr(xyz, this.targetCodes, width, r, PAGE.xyz_to_srgb) }
     }
 
@@ -334,6 +334,7 @@ class Viewer {
         const where = this.state.region ? "In the region" : "In the whole image"
         const stated = found.withheld ? `speckle contrast withheld (${found.withheld}), raw ${found.raw_contrast.toFixed(3)}` : `${found.divided ? "" : "raw "}speckle contrast ${found.contrast.toFixed(3)}`
         const parts = [`${where}: ${stated}, mean luminance ${found.mean.toPrecision(3)}`]
+        if (found.doubt) parts.push(found.doubt)
         if (found.psnr_db !== undefined) parts.push(`PSNR to the target ${found.psnr_db.toFixed(2)} dB`)
         $("region").textContent = `${parts.join(", ")}.`
         $("region").classList.remove("old")
@@ -912,7 +913,7 @@ window.holoview = {
         for (let i = 0; i < width * height; i++) srgb8.set(rgba.subarray(4 * i, 4 * i + 3), 3 * i)
         return { width, height, srgb8 }
     },
-    // {contrast, raw_contrast, mean, std, samples, histogram, divided, withheld, psnr_db} of a region {x, y, width, height}, or of the whole image.
+    // {contrast, raw_contrast, mean, std, samples, histogram, divided, withheld, doubt, psnr_db} of a region {x, y, width, height}, or of the whole image.
     async measure(region) {
         const viewer = await opened
         await viewer.busy

@@ -26,7 +26,7 @@ from PIL import Image
 
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import psnr_linear_srgb
-from holoview.holograms.metrics.likeness import luminance_contrast
+from holoview.holograms.metrics.likeness import NO_OTHERS, OtherPlanes, luminance_contrast
 from holoview.holograms.targets.focal_stack import Target
 from holoview.holograms.view import View, simulate
 from holoview.light.colour import COLOUR_SPACES, SRGB_TO_XYZ, XYZ_TO_SRGB, fitting_stops, to_srgb8
@@ -228,10 +228,13 @@ def _at(target: Target, plane_m: float) -> NDArray[np.floating] | None:
     return target.stack[near[0]] if len(near) else None
 
 
-def _others(target: Target | None, plane_m: float) -> dict[str, NDArray[np.floating]]:
-    """The pictures (y, x, 3) of a target at its other planes, by what they are."""
-    pairs = () if target is None else zip(target.planes_m, target.stack, strict=True)
-    return {f"at {z * 1e3:.4g} mm": of for z, of in pairs if not np.isclose(z, plane_m, rtol=0, atol=_SAME_PLANE_M)}
+def _others(target: Target | None, plane_m: float) -> OtherPlanes:
+    """The pictures (y, x, 3) of a target at its other planes."""
+    if target is None:
+        return NO_OTHERS
+    pairs = zip(target.planes_m, target.stack, strict=True)
+    far = {f"at {z * 1e3:.4g} mm": of for z, of in pairs if not np.isclose(z, plane_m, rtol=0, atol=_SAME_PLANE_M)}
+    return OtherPlanes(far, are_mistakable=target.are_planes_given)
 
 
 def _claim(quantity: str, text: str, value: str, region: dict[str, int] | None) -> dict[str, Any]:
@@ -245,7 +248,8 @@ def _target(target: Target) -> dict[str, Any]:
         pictures = [_webp(code, **options) for code in codes]
         if sum(map(len, pictures)) <= _TARGET_BYTES:
             break
-    return {"planes_m": list(target.planes_m), "pictures": list(map(_data_url, pictures))}
+    planes = {"planes_m": list(target.planes_m), "are_planes_given": target.are_planes_given}
+    return planes | {"pictures": list(map(_data_url, pictures))}
 
 
 def _stored(view: View) -> dict[str, Any]:

@@ -161,6 +161,8 @@ def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
     context.record_item_rect("figures")
     if region.withheld:
         wrapped_text(f"The contrast is withheld: {region.withheld}.", theme.signal_colour("warning"))
+    if region.doubt:
+        wrapped_text(f"Note: {region.doubt}.", theme.signal_colour("warning"))
 
 
 def _row(key: str, value: str, label: str = "") -> None:
