@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +60,7 @@ from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.grains import PixelNoise, SumNoise
 from holoview.holograms.metrics.image_quality import central_region, contrast_by_pupil, picture_luminance
+from holoview.holograms.metrics.likeness import displaced
 from holoview.holograms.metrics.photograph import (
     MOST_SATURATED,
     SATURATION,
@@ -69,14 +71,16 @@ from holoview.holograms.metrics.photograph import (
     read_photograph,
     require_picture_of_camera,
 )
+from holoview.holograms.metrics.retinal import pupils_of
 from holoview.holograms.metrics.sharpness import slanted_edge_mtf
-from holoview.holograms.metrics.speckle import independent_patterns, pupils_of
+from holoview.holograms.metrics.speckle import independent_patterns
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
 from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import random_drive
 from holoview.light.model.focus import parse_plane, plane_label
+from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, require_matplotlib
@@ -230,8 +234,10 @@ def run(args: argparse.Namespace) -> int:
         result["mtf"] = _mtf(args, shown)
     draw = speckle_figure(measured.found.pattern)
     if shown is not None and pupils_m:
+        target_of = partial(_target_of_eye, target, shown.plane_m, measured.found.displacement_px)
+        own, region = (shown.hologram, shown.plane_m), measured.found.region
         with progress_bar("pupils") as progress:
-            curve = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, measured.found.region, progress)
+            curve = contrast_by_pupil(*own, pupils_m, region, progress, target_of)
         result |= {"pupils": [found.as_json() for found in curve.contrasts], "independent_contrast": curve.independent}
         draw = retinal_figure(curve)
     for flag, figure in (("plot", draw), ("scatter", _scatter(args, measured.found))):
@@ -510,12 +516,22 @@ def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]
     return sorted(set(pupils_m))
 
 
+def _target_of_eye(
+    target: TargetSource | None, plane_m: float, by_px: tuple[int, int], system: System
+) -> NDArray[np.floating] | None:
+    """The target (y, x, 3) that the eye of a system should see at a plane, displaced; None without one."""
+    if target is None:
+        return None
+    built = target.build(None if target.is_stack else np.array([plane_m]), system=system)
+    nearest = int(np.argmin(np.abs(np.asarray(built.planes_m) - plane_m)))
+    return displaced(built.stack[nearest], by_px)
+
+
 def _format_rows(rows: Sequence[dict[str, Any]], independent: float) -> list[str]:
     """The rows of a table as lines of text."""
     lines = ["", "pupil      contrast  as cones see it  grains"]
-    lines += [
-        f"{row['pupil_mm']:<5.3g} mm   {row['contrast']:.4f}    {row['cone_contrast']:.4f}           "
-        f"{row['grain_arcmin']:.2f} arcmin"
-        for row in rows
-    ]
+    for row in rows:
+        own, cones = ("withheld" if of is None else f"{of:.4f}" for of in (row["contrast"], row["cone_contrast"]))
+        lines.append(f"{row['pupil_mm']:<5.3g} mm   {own:<8}  {cones:<15}  {row['grain_arcmin']:.2f} arcmin")
+    lines += [f"through {row['pupil_mm']:.3g} mm: {row['withheld']}" for row in rows if row["withheld"]]
     return [*lines, f"independent patterns of these lasers have {independent:.4f}, whatever the pupil"]

@@ -95,6 +95,19 @@ def test_where_the_target_is_not_shown_it_is_withheld(
     assert f"raw it is {plain['contrast']:.4f}" in said and "visible?" not in said
 
 
+def test_the_contrast_by_pupil_is_measured_beside_the_target(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of random patterns it is withheld beside a target, as that of the luminance is, and raw without one."""
+    eye = ("h.safetensors", "--set", "eye={}", "--pupils", "2mm,3mm")
+    plain, beside = _json(capsys, *eye), _json(capsys, *eye, "--target", "target.png")
+    assert all(row["contrast"] > row["cone_contrast"] > 0 and row["withheld"] is None for row in plain["pupils"])
+    assert [row["contrast"] for row in beside["pupils"]] == [None, None] and beside["contrast"] is None
+    assert all("the target" in row["withheld"] and not row["structure_removed"] for row in beside["pupils"])
+    assert cli.main(["contrast", *eye, "--target", "target.png", "--plot", "p.png"]) == 0
+    assert "\n2     mm   withheld  withheld " in capsys.readouterr().out
+
+
 def test_an_observer_looks_at_a_hologram(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
     eye, old = (_json(capsys, "h.safetensors", "--observer", who) for who in ("eye", "age 70, field 4"))
     assert old["lasers"][0]["luminance_share"] != eye["lasers"][0]["luminance_share"]

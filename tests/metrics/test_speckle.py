@@ -10,19 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from scipy.special import j1
 from scipy.stats import gamma
 
+from holoview.holograms.metrics.likeness import luminance_contrast
+from holoview.holograms.metrics.retinal import PUPILS_M, default_pupils, pupils_of, retinal_contrast
 from holoview.holograms.metrics.speckle import (
     CONE_ARCMIN,
-    PUPILS_M,
-    default_pupils,
     independent_contrast,
     independent_pattern_count,
     independent_patterns,
     mean_wavelength,
-    pupils_of,
-    retinal_contrast,
     seen_by_cones,
     speckle_contrast,
     speckle_density,
@@ -172,8 +171,9 @@ def test_fully_developed_speckle_of_one_laser_has_contrast_one_through_every_pup
     drive = random_drive(system)
     for seen in pupils_of(system, (1.5e-3, 3e-3)):
         luminance = simulate(seen, drive, [10e-3], "torch").xyz[0, ..., 1]
-        found = retinal_contrast(seen, luminance)
         rows, columns = luminance.shape
+        found = retinal_contrast(seen, luminance, (0, 0, columns, rows))
+        assert found.contrast is not None and found.cone_contrast is not None
         grains = rows * columns * (4e-6 * found.pupil_m / (550e-9 * 40e-3)) ** 2
         assert abs(found.contrast - 1) < 5 / np.sqrt(grains)
         assert found.cone_contrast < found.contrast
@@ -185,15 +185,36 @@ def test_a_pupil_wider_than_the_eyebox_changes_nothing_that_an_eye_without_colou
     drive = random_drive(system)
     bare, seen = (simulate(of, drive, [10e-3], "torch64").xyz[0, ..., 1] for of in (system.with_(eye=None), system))
     known = speckle_contrast(bare).contrast
-    assert retinal_contrast(system, seen).contrast == pytest.approx(known, rel=1e-6)
+    whole = (0, 0, seen.shape[1], seen.shape[0])
+    assert retinal_contrast(system, seen, whole).contrast == pytest.approx(known, rel=1e-6)
 
 
 def test_structure_of_the_target_is_divided_out_as_cones_see_it() -> None:
     """A target of fine stripes alone has no speckle, at every sample and for cones."""
     stripes = np.tile([1.0, 3.0], (96, 64))
-    found = retinal_contrast(_one_laser(), 5 * stripes, (10, 10, 60, 60), stripes)
-    assert found.contrast < 1e-12 and found.cone_contrast < 1e-12
-    assert retinal_contrast(_one_laser(), stripes).contrast == pytest.approx(0.5)
+    found = retinal_contrast(_one_laser(), 5 * stripes, (10, 10, 60, 60), np.repeat(stripes[..., None], 3, axis=-1))
+    assert [found.contrast, found.cone_contrast] == pytest.approx([0, 0], abs=1e-12) and found.has_target
+    assert retinal_contrast(_one_laser(), stripes, (0, 0, 128, 96)).contrast == pytest.approx(0.5)
+
+
+def test_the_retina_has_one_judgement_of_the_target_with_the_luminance() -> None:
+    """Beside a target that is shown blurred, it is the contrast of the speckle; beside one that isn't, none is stated.
+
+    Shown by a Gaussian of the widths that are tried, so that division leaves the speckle alone but for its error.
+    """
+    rng, system, region = np.random.default_rng(8), _one_laser(), (8, 8, 112, 80)
+    scene, other = (np.kron(rng.uniform(0.3, 1, (12, 16)), np.ones((8, 8))) for _ in range(2))
+    speckle = gaussian_filter(rng.gamma(4, 0.25, scene.shape), 1.0, mode="wrap")
+    image = gaussian_filter(scene, 1.4, mode="nearest") * speckle
+    beside, wrong = (np.repeat(of[..., None], 3, axis=-1) for of in (scene, other))
+    found, known = retinal_contrast(system, image, region, beside), luminance_contrast(image, region, beside)
+    assert found.contrast == known.estimate.contrast and found.has_target and known.blur_px == 1.4
+    part = speckle[8:88, 8:120]
+    assert found.contrast == pytest.approx(part.std() / part.mean(), rel=0.02)
+    assert found.cone_contrast is not None and found.cone_contrast < found.contrast
+    doubted = retinal_contrast(system, image, region, wrong)
+    assert "the target" in doubted.withheld and doubted.contrast is None and doubted.cone_contrast is None
+    assert not doubted.has_target
 
 
 def test_equal_lasers_have_the_contrast_of_independent_patterns() -> None:
@@ -210,7 +231,7 @@ def test_pupils_that_cannot_be_are_refused_and_those_that_do_not_fit_left_out() 
         with pytest.raises(UserError, match=complaint):
             pupils_of(system, pupils_m)
     for call in (lambda: pupils_of(system.with_(eye=None), (3e-3,)), lambda: retinal_contrast(
-        system.with_(eye=None), np.ones((4, 4))
+        system.with_(eye=None), np.ones((4, 4)), (0, 0, 4, 4)
     )):  # fmt: skip
         with pytest.raises(UserError, match="no eye"):
             call()

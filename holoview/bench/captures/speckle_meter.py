@@ -28,7 +28,13 @@ from holoview.bench.captures.virtual_measurement import AcquisitionSettings, rea
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.grains import PixelNoise
 from holoview.holograms.metrics.likeness import NO_OTHERS, OtherPlanes
-from holoview.holograms.metrics.speckle import CONE_ARCMIN, Floats, mean_wavelength, seen_by_cones
+from holoview.holograms.metrics.speckle import (
+    CONE_ARCMIN,
+    Floats,
+    channels_seen_by_cones,
+    mean_wavelength,
+    seen_by_cones,
+)
 from holoview.holograms.metrics.speckle_measurement import (
     LaserImages,
     SpeckleMeasurement,
@@ -165,7 +171,7 @@ def measure_hologram(
         luminance = seen_by_cones(luminance, degrees)
         lasers = replace(lasers, intensity=np.stack([seen_by_cones(part, degrees) for part in lasers.intensity]))
         if known is not None:
-            known = np.stack([seen_by_cones(channel, degrees) for channel in np.moveaxis(known, -1, 0)], axis=-1)
+            known = channels_seen_by_cones(known, degrees)
     found = measure_speckle(luminance, region, known, lasers, others=others, is_aligned=is_aligned)
     shown = Hologram(hologram.drive, system)
     return MeasuredHologram(shown, view, found, _reading(system, meter), known)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from holoview.evidence.study.study import StudyFigure
 from holoview.holograms.metrics.colour_speckle import INSIDE_95
+from holoview.holograms.metrics.retinal import RetinalCurve
 from holoview.holograms.metrics.speckle import (
-    RetinalCurve,
     SpecklePattern,
     independent_patterns,
     speckle_density,
@@ -261,11 +261,11 @@ def _ellipse(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDAr
 
 
 def retinal_figure(curve: RetinalCurve) -> Callable[[Figure], None]:
-    """A function that draws speckle contrasts against the pupil."""
+    """A function that draws speckle contrasts against the pupil; a gap where they are withheld."""
     x = [found.pupil_m * 1e3 for found in curve.contrasts]
     curves: dict[str, tuple[Sequence[float], Sequence[float]]] = {
-        "every sample": (x, [found.contrast for found in curve.contrasts]),
-        "as cones see it": (x, [found.cone_contrast for found in curve.contrasts]),
+        "every sample": (x, np.array([found.contrast for found in curve.contrasts], dtype=np.float64).tolist()),
+        "as cones see it": (x, np.array([found.cone_contrast for found in curve.contrasts], dtype=np.float64).tolist()),
         "independent patterns": (x, [curve.independent] * len(x)),
     }
     return line_plot(curves, "pupil (mm)", "speckle contrast", dashed=("independent patterns",))

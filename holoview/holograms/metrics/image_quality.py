@@ -15,7 +15,7 @@ means over blocks; a mean of n independent samples of fully developed speckle st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,8 @@ from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
 from holoview.holograms.metrics.likeness import luminance_contrast, resolved_contrast
 from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
-from holoview.holograms.metrics.speckle import RetinalCurve, SpeckleContrast, pupils_of, retinal_curve
+from holoview.holograms.metrics.retinal import RetinalCurve, pupils_of, retinal_curve
+from holoview.holograms.metrics.speckle import SpeckleContrast
 from holoview.holograms.optimise.eyes import PupilPlaces
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
@@ -39,6 +40,7 @@ from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.focus import focused_planes, with_pupil_at
 from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
 from holoview.light.numerics.sample_bits import find_clipping
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.light.numerics.structural_similarity import scale_count
@@ -389,9 +391,17 @@ def _clipped(raster: Raster) -> tuple[float, str]:
 
 
 def contrast_by_pupil(
-    hologram: Hologram, plane_m: float, pupils_m: Sequence[float], region: Region, progress: ProgressCallback
+    hologram: Hologram,
+    plane_m: float,
+    pupils_m: Sequence[float],
+    region: Region,
+    progress: ProgressCallback,
+    target_of: Callable[[System], Floats | None] = lambda system: None,
 ) -> RetinalCurve:
-    """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does."""
+    """Measures the region of a hologram at a plane through each pupil (m). Raises UserError as `simulate` does.
+
+    target_of: the target (y, x, 3) at the plane as the eye of a system sees it; None for none.
+    """
     systems = pupils_of(hologram.system, pupils_m)
     images = (simulate(system, hologram.drive, [plane_m], backend="torch").xyz[0] for system in systems)
-    return retinal_curve(systems, images, region, progress, plane_m=plane_m)
+    return retinal_curve(systems, images, region, progress, target_of, plane_m)

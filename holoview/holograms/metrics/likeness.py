@@ -94,6 +94,7 @@ _MOST_EDGES = 0.15  # of the variance left
 _MOST_ADDED, _MOST_OF_SPECKLE = 1.05, 1.1  # of the contrast by division; a contrast that is a tenth too large
 _MOST_UNEVEN = 0.1  # r.m.s. of the brightness
 _OUTLIER, _MAD = 5.0, 1.4826  # standard deviations of a block; a normal law's over the median deviation
+_LEAST_BETTER = 1e-12  # of the squares, by which a blur is better than rounding makes it
 _REACH = 4.0  # standard deviations of a blur
 _FARTHEST = 32  # samples, or a quarter of a region, by which a target is looked for
 _FLOOR = 0.05  # of the mean: darker samples tell no displacement
@@ -324,7 +325,7 @@ def _resolved(values: Floats, target: Floats, region: Region) -> tuple[float, Fl
     for width in WIDTHS:
         shown = _blurred(_around(target, region, _radius(width)), width)
         left = _left_by_slope(values, shown)
-        if best is not None and left >= best[0]:
+        if best is not None and left >= best[0] - _LEAST_BETTER:  # of a pure wave all are alike
             break
         best = left, width, shown
     assert best is not None

@@ -17,8 +17,7 @@ the dark pixels would be far below 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -26,12 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from holoview.light.colour import SRGB_TO_XYZ, observer_weights
 from holoview.light.model.bench_parts import Relay
-from holoview.light.model.eye import PUPIL, sample_degrees
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
-from holoview.util.progress import ProgressCallback
 
 Floats = NDArray[np.float64]
 
@@ -346,119 +343,8 @@ def mean_wavelength(system: System) -> float:
 
 # --- on the retina ----------------------------------------------------------------------------------------------------
 
-# A pupil of diameter d makes grains about λ/d wide (Goodman, *Speckle Phenomena in Optics*, 2007, ch. 4): a small pupil
-# makes coarse speckle, a large one fine. Their contrast doesn't depend on the pupil as long as the patterns of the
-# lasers are fully developed and independent; then it is √(Σm²)/Σm for mean luminances m, 1/√N for N equal ones. Foveal
-# cones average over discs of 0.5 arcmin, which hides grains that are smaller.
-
-
 CONE_ARCMIN = 0.5
 """Diameter of a foveal cone (Curcio et al., J. Comp. Neurol. 292, 497 (1990)): 2.5 µm at 17 mm."""
-PUPILS_M = (2e-3, 2.5e-3, 3e-3, 4e-3, 5e-3, 6e-3)
-"""Diameters of natural pupils, from bright light to dim."""
-MAX_PUPILS = 50
-
-
-@dataclass(frozen=True)
-class RetinalContrast:
-    """Speckle contrast of a region of the retinal image, seen through one pupil.
-
-    pupil_m: its diameter. contrast: of the luminance at every sample. cone_contrast: of its means over cones.
-    grain_arcmin: λ/d, about the width of a grain, at the mean wavelength of the luminance.
-    """
-
-    pupil_m: float
-    contrast: float
-    cone_contrast: float
-    grain_arcmin: float
-
-    def as_json(self) -> dict[str, float]:
-        """For programs; the diameter in mm."""
-        own = {"contrast": self.contrast, "cone_contrast": self.cone_contrast, "grain_arcmin": self.grain_arcmin}
-        return {"pupil_mm": round(self.pupil_m * 1e3, 6), **own}
-
-
-def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[System]:
-    """The system with its eye's pupil of each diameter.
-
-    Raises UserError without an eye, for no diameter or more than MAX_PUPILS, and for one out of range.
-    """
-    if system.eye is None:
-        raise UserError("pupils", "there is no eye", expected="a bench with an eye", remedy="--set eye={}")
-    if not 1 <= len(pupils_m) <= MAX_PUPILS:
-        raise UserError("pupils", str(len(pupils_m)), expected=f"1 to {MAX_PUPILS} diameters")
-    for diameter_m in pupils_m:
-        PUPIL.parse(diameter_m, "pupils")
-    return [system.with_(eye=replace(system.eye, pupil_m=diameter_m)) for diameter_m in pupils_m]
-
-
-def default_pupils(system: System) -> tuple[float, ...]:
-    """The diameters of PUPILS_M that fit the eyepiece of a system's eye, wherever its pupil is."""
-    eye = system.eye
-    if eye is None:
-        return PUPILS_M
-    reach_m = 2 * (eye.eyepiece_m - float(np.hypot(eye.pupil_y_m, eye.pupil_x_m)))
-    return tuple(d for d in PUPILS_M if d < reach_m) or (min(PUPILS_M[0], 0.9 * reach_m),)
-
-
-def retinal_contrast(
-    system: System,
-    luminance: NDArray[np.floating],
-    region: Region | None = None,
-    target: NDArray[np.floating] | None = None,
-) -> RetinalContrast:
-    """Contrast of a region of the picture that the eye of a system sees.
-
-    luminance: (y, x) of the whole image. target: (y, x), whose structure is divided out.
-    Raises UserError without an eye, and as `speckle_contrast` does.
-    """
-    if system.eye is None:
-        raise UserError("retinal speckle", "there is no eye", expected="a bench with an eye")
-    pitch_m = system.modulators[0].pitch_m / system.sampling.upsample
-    degrees = sample_degrees(pitch_m, system.eye.eyepiece_m)
-    blurred = None if target is None else seen_by_cones(target, degrees)
-    diameter_m = system.eye.pupil_diameter_m(system.field_m)
-    return RetinalContrast(
-        pupil_m=diameter_m,
-        contrast=speckle_contrast(luminance, region, target).contrast,
-        cone_contrast=speckle_contrast(seen_by_cones(luminance, degrees), region, blurred).contrast,
-        grain_arcmin=60 * float(np.degrees(mean_wavelength(system) / diameter_m)),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class RetinalCurve:
-    """Contrasts through pupils of several diameters, and the contrast of independent patterns of the same lasers.
-
-    has_target: whether the structure of a target was divided out.
-    """
-
-    contrasts: tuple[RetinalContrast, ...]
-    independent: float
-    has_target: bool = False
-
-
-def retinal_curve(
-    systems: Sequence[System],
-    images: Iterable[NDArray[np.floating]],
-    region: Region,
-    progress: ProgressCallback,
-    target_of: Callable[[System], NDArray[np.floating] | None] = lambda system: None,
-    plane_m: float | None = None,
-) -> RetinalCurve:
-    """The contrasts of a region in what the eye of each system sees.
-
-    systems: of `pupils_of`. images: XYZ (y, x, 3), one for each system; they may be computed one by one. progress:
-    called after each. target_of: luminance (y, x) of the target as the eye of a system sees it; None for none.
-    plane_m: that is seen, as of `independent_pattern_count`.
-    """
-    contrasts, has_target = list[RetinalContrast](), False
-    for number, (system, xyz) in enumerate(zip(systems, images, strict=True), start=1):
-        target = target_of(system)
-        has_target |= target is not None
-        contrasts.append(retinal_contrast(system, xyz[..., 1], region, target))
-        progress(number, len(systems), f"{contrasts[-1].pupil_m * 1e3:.3g} mm")
-    return RetinalCurve(tuple(contrasts), independent_contrast(systems[0], plane_m), has_target)
 
 
 def seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDArray[np.float64]:
@@ -470,3 +356,8 @@ def seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDA
     v = np.pi * CONE_ARCMIN / 60 * np.hypot(y[:, None], x[None, :])
     transfer = np.divide(2 * j1(v), v, out=np.ones_like(v), where=v > 0)
     return np.asarray(np.fft.irfft2(np.fft.rfft2(image) * transfer, image.shape))
+
+
+def channels_seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> Floats:
+    """Each channel of an image (y, x, channel) as `seen_by_cones`."""
+    return np.stack([seen_by_cones(of, degrees_per_sample) for of in np.moveaxis(image, -1, 0)], axis=-1)

@@ -9,7 +9,8 @@ import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.holograms.metrics.speckle import RetinalCurve, independent_patterns
+from holoview.holograms.metrics.retinal import RetinalCurve
+from holoview.holograms.metrics.speckle import independent_patterns
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.theme import laser_colour
@@ -141,11 +142,12 @@ def draw_retinal_curve(context: AppContext) -> None:
 def _draw_curve(curve: RetinalCurve, pupil_mm: float) -> None:
     x = np.array([contrast.pupil_m * 1e3 for contrast in curve.contrasts])
     every, cones = (
-        np.array([getattr(contrast, name) for contrast in curve.contrasts]) for name in ("contrast", "cone_contrast")
+        np.array([getattr(contrast, name) for contrast in curve.contrasts], dtype=np.float64)
+        for name in ("contrast", "cone_contrast")
     )
-    top = 1.4 * max(float(every.max()), curve.independent)
+    top = 1.4 * max(float(np.nanmax(every, initial=0.0)), curve.independent)
     span = (min(x[0], pupil_mm) - _MARGIN_MM, max(x[-1], pupil_mm) + _MARGIN_MM)
-    legend = implot.Location_.south if cones.min() > _LEGEND_SHARE * top else implot.Location_.north
+    legend = implot.Location_.south if np.nanmin(cones, initial=top) > _LEGEND_SHARE * top else implot.Location_.north
     with plot("contrast by pupil", "pupil (mm)", "contrast", span, (0, top), legend, has_flat_legend=True) as is_open:
         if is_open:
             line("samples", x, every, theme.signal_colour("accent"), marked=True)
@@ -157,4 +159,5 @@ def _draw_curve(curve: RetinalCurve, pupil_mm: float) -> None:
         "Blue: contrast at every sample. Green: of its means over foveal cones (0.5 arcmin), which hide fine speckle. "
         "Grey: of independent patterns of these lasers, whatever the pupil. Yellow: the pupil as it is."
         + (" The target's structure is divided out, as the same eye sees it." if curve.has_target else "")
+        + (f" Where there is no mark, the contrast is withheld: {curve.withheld}." if curve.withheld else "")
     )

@@ -19,15 +19,13 @@ from numpy.typing import NDArray
 from holoview.holograms.metrics.fidelity import delta_e_linear_srgb, psnr, psnr_linear_srgb
 from holoview.holograms.metrics.grains import contrast_estimate
 from holoview.holograms.metrics.likeness import NO_OTHERS, OtherPlanes, luminance_contrast, shown_target
+from holoview.holograms.metrics.retinal import RetinalContrast, retinal_contrast
 from holoview.holograms.metrics.speckle import (
-    RetinalContrast,
     SpeckleHistogram,
     independent_pattern_count,
     laser_luminances,
     pattern_likeness,
-    retinal_contrast,
     speckle_histogram,
-    target_luminance,
 )
 from holoview.light.colour import gamut_map, xyz_to_linear_srgb
 from holoview.light.engine.light_share import luminance_share
@@ -379,8 +377,7 @@ def _retinal(document: Document, xyz: Image, target: Image | None) -> RetinalCon
     """The measured region as cones see it; None without an eye."""
     if document.system.eye is None:
         return None
-    known = None if target is None else target_luminance(target, document.measured_region)
-    return retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
+    return retinal_contrast(document.system, xyz[..., 1], document.measured_region, target)
 
 
 def _profiles(document: Document, images: Sequence[ShownImage]) -> Iterator[LineProfile]:

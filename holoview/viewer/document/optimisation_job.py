@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.metrics.speckle import RetinalCurve, default_pupils, pupils_of, retinal_curve, target_luminance
+from holoview.holograms.metrics.retinal import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.holograms.optimise.checkpoint import IterationState
 from holoview.holograms.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.holograms.optimise.memory import with_compact_grid
@@ -574,18 +574,18 @@ def _measure(document: Document, systems: Sequence[System], control: JobControl)
     plane_m = document.view_settings.plane_m
     images = render_each([(system, plane_m) for system in systems], document.drive, control.check)
     return retinal_curve(
-        systems, images, document.measured_region, control.report, partial(_target_luminance, document), plane_m
+        systems, images, document.measured_region, control.report, partial(_target_of_eye, document), plane_m
     )
 
 
-def _target_luminance(document: Document, system: System) -> NDArray[np.floating] | None:
-    """Luminance (y, x) of the target as the eye of a system would see it; None without a target at the plane."""
+def _target_of_eye(document: Document, system: System) -> NDArray[np.floating] | None:
+    """The target (y, x, 3) as the eye of a system would see it; None without a target at the plane."""
     spec, plane_m = document.target_spec, document.view_settings.plane_m
     if spec is None:
         return None
     target = spec.build(system, np.array([plane_m]))
     at = np.flatnonzero(np.asarray(target.planes_m) == plane_m)
-    return target_luminance(target.stack[at[0]], document.measured_region) if len(at) else None
+    return target.stack[at[0]] if len(at) else None
 
 
 # --- two ways to make colours ---

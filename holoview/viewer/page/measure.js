@@ -105,7 +105,7 @@ function shownTarget(values, target, region) {
         if (blur === 0 && total(wanted) === 0) return null
         const x = overMean(wanted), squares = sumOf(x, x) * sumOf(y, y)
         const left = squares > 0 ? 1 - sumOf(x, y) ** 2 / squares : 1
-        if (best && left >= best.left) break
+        if (best && left >= best.left - 1e-12) break // of a pure wave all are alike
         best = { left, blur, wanted }
     }
     return best

@@ -149,7 +149,9 @@ def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
     if region.psnr_db is not None:
         _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
     if measurements.retinal is not None:
-        _row("Cones", f"{measurements.retinal.cone_contrast:.3f}", f"as cones see it{', raw' * bool(region.withheld)}")
+        cones = measurements.retinal.cone_contrast
+        seen = "withheld" if cones is None else f"{cones:.3f}"
+        _row("Cones", seen, f"as cones see it{', raw' * bool(region.withheld)}")
         _row("Grains", f"{measurements.retinal.grain_arcmin:.2f} arcmin")
     _row("Mean", f"{region.mean:.4g}")
     if measurements.histogram is not None:
