@@ -227,7 +227,7 @@ def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, 
     "how",
     [
         *("right", "blurred", "displaced", "up", "mirrored", "tone curve", "something else", "another plane"),
-        "another plane, known to be none",
+        *("another plane, known to be none", "an object"),
     ],
 )
 def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Written, how: str) -> None:
@@ -241,6 +241,7 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
     other = ndimage.gaussian_filter(codes, (0, 6))
     light = srgb_decode(other / 255.0) if how.startswith("another plane") else light
     light[20:40, 30:60] = 2.0 if how == "something else" else light[20:40, 30:60]
+    light[30:44, 40:54] *= 1.7 if how == "an object" else 1.0
     y = (light * ndimage.uniform_filter(rng.gamma(4, 0.25, light.shape), 3)).astype(np.float32)
     region, are_mistakable = (5, 4, 80, 60), how == "another plane"
     xyz, target, blurred = (np.repeat(of[..., None], 4, axis=-1) for of in (y, codes, other))
@@ -264,6 +265,7 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
     assert [found[key] for key in ("withheld", "doubt", "blur_px")] == [known.withheld, known.doubt, known.blur_px]
     is_stated = how in ("right", "blurred", "another plane, known to be none")
     assert bool(known.withheld) != is_stated
+    assert ("further than speckle does" in known.withheld) == (how == "an object")
     assert known.doubt.startswith("another target fits better: at 12 mm") == how.endswith("none")
     if not known.withheld:
         assert found["contrast"] == pytest.approx(known.estimate.contrast, rel=1e-9)

@@ -33,6 +33,7 @@ A contrast is withheld where, by two standard errors,
     levels or places is above a fifth: C, whose square it adds to, would be a tenth too large,
     edges is above 0.15, as the first order isn't all that a displacement leaves; what is even to 10 % r.m.s.,
     as displays are, is only said,
+    a part of the region departs from M further than speckle does (`local_misfit`), and without it C is a tenth less,
     C is above 1, all that speckle has, and by a tenth: its standard error is √(Σ_k (q_k − C²·n_k)²)/(2·C·n), q_k being
     the sum of r² over the n_k samples of a block,
 
@@ -68,6 +69,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate
+from holoview.holograms.metrics.local_misfit import LocalMisfit, local_misfit
 from holoview.holograms.metrics.speckle import (
     Floats,
     SpeckleContrast,
@@ -201,6 +203,7 @@ class LuminanceContrast:
     likeness: to the target; None without one. blur_px: standard deviation of the target's blur in the picture.
     left: of the structure; None where there is no target, or hardly any structure in it. better: another target that
     fits better; None where none was found. displacement_px: (y, x) by which the target was moved, as `is_aligned` asks.
+    misfit: the part of the region that departs from it; None where none was found, or another reason decides.
     """
 
     estimate: ContrastEstimate
@@ -213,6 +216,7 @@ class LuminanceContrast:
     left: StructureLeft | None = None
     better: BetterTarget | None = None
     displacement_px: tuple[int, int] = (0, 0)
+    misfit: LocalMisfit | None = None
 
     @property
     def doubt(self) -> str:
@@ -258,10 +262,13 @@ def luminance_contrast(
         is_shown_in_part = better.is_common and alike.at_most < LEAST_SHARE
         said = reason if is_shown_in_part else "the target isn't what is shown here"
         reason = f"{said}; {better.text}"
+    misfit = local_misfit(pattern) if has_structure and not reason else None
+    if misfit is not None:
+        reason = _why_withheld_in_part(misfit, pattern.contrast.contrast, region)
     if reason:
         own = contrast_estimate(plain, own_noise)
-        return LuminanceContrast(own, plain, raw, False, reason, alike, blur_px, left, better)
-    return LuminanceContrast(estimate, pattern, raw, True, "", alike, blur_px, left, better)
+        return LuminanceContrast(own, plain, raw, False, reason, alike, blur_px, left, better, misfit=misfit)
+    return LuminanceContrast(estimate, pattern, raw, True, "", alike, blur_px, left, better, misfit=misfit)
 
 
 def _why_withheld(
@@ -291,6 +298,18 @@ def _why_withheld(
                 f"the variance that division leaves {what}"
             )
     return ""
+
+
+def _why_withheld_in_part(misfit: LocalMisfit, contrast: float, region: Region) -> str:
+    """Why a contrast isn't to be stated beside a target that a part of a region departs from; "" where it is."""
+    if contrast <= max(_MOST_ABOVE * misfit.contrast, math.hypot(misfit.contrast, _MOST_UNEVEN)):
+        return ""
+    x, y, width, height = misfit.box
+    return (
+        f"the target isn't what is shown here: {100 * misfit.share:.0f} % of the samples, within {width} × {height} "
+        f"from ({region[0] + x}, {region[1] + y}), depart from it further than speckle does; without them the contrast "
+        f"is {misfit.contrast:.3f}, as it is {contrast:.3f}"
+    )
 
 
 # --- the resolution ---------------------------------------------------------------------------------------------------

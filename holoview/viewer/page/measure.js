@@ -381,6 +381,90 @@ function whyWithheld(values, wanted, { ratio, usable }, region, divided, raw) {
     return ""
 }
 
+// The part of a region that departs from its target further than speckle does: {box, share, contrast of the rest}, or null;
+// the twin of holoview/holograms/metrics/local_misfit.py, which derives it.
+function localMisfit({ ratio, usable }, { width, height }) {
+    const scores = normalScores(ratio, usable), line = width + 1, count = total(usable), edges = new Float64Array(line * (height + 1))
+    const integral = of => {
+        const sums = new Float64Array(line * (height + 1))
+        for (let y = 0; y < height; y++) {
+            for (let x = 0, row = 0; x < width; x++) {
+                row += of[y * width + x]
+                sums[(y + 1) * line + x + 1] = sums[y * line + x + 1] + row
+            }
+        }
+        return sums
+    }
+    const sums = [scores, usable].map(integral), windows = []
+    for (let k = 0, wide; (wide = 4 * 2 ** (k / 2)) <= Math.floor(Math.min(width, height) / 2); k++) {
+        const side = Math.round(wide), step = Math.max(Math.floor(side / 4), 1), full = []
+        for (let y = 0; y + side <= height; y += step) {
+            for (let x = 0; x + side <= width; x += step) {
+                const [a, b] = [y * line + x, (y + side) * line + x]
+                const [sum, samples] = sums.map(of => of[b + side] - of[a + side] - of[b] + of[a])
+                if (2 * samples >= side ** 2) full.push({ x, y, mean: sum / Math.sqrt(Math.max(samples, 1)) })
+            }
+        }
+        windows.push({ side, full })
+    }
+    let area = 0, largest = 0
+    for (const { side, full } of windows) {
+        if (64 * side ** 2 > width * height || !full.length) continue
+        const means = full.map(of => of.mean), middle = medianOf(means)
+        area = Math.max(area, (1.4826 * medianOf(means.map(mean => Math.abs(mean - middle)))) ** 2)
+        largest = side ** 2
+    }
+    if (!(area > 0 && 4 * area <= largest)) return null
+    const tried = windows.reduce((sum, of) => sum + of.full.length, 0), limit = Math.sqrt(2 * Math.log(tried / 1e-3) * area)
+    for (const { side, full } of windows) {
+        for (const { x, y } of full.filter(of => Math.abs(of.mean) > limit)) {
+            for (const [down, right, sign] of [[0, 0, 1], [side, side, 1], [side, 0, -1], [0, side, -1]]) edges[(y + down) * line + x + right] += sign
+        }
+    }
+    for (let y = 0; y < height; y++) {
+        for (let x = 0, row = 0; x < width; x++) {
+            row += edges[y * line + x]
+            edges[y * line + x] = row + (y > 0 ? edges[(y - 1) * line + x] : 0)
+        }
+    }
+    const box = { left: width, right: -1, top: height, bottom: -1 }, rest = []
+    let found = 0
+    for (let k = 0; k < ratio.length; k++) {
+        const [y, x] = [Math.floor(k / width), k % width]
+        if (!usable[k]) continue
+        if (edges[y * line + x] < 0.5) { rest.push(ratio[k]); continue }
+        found += 1
+        box.left = Math.min(box.left, x); box.right = Math.max(box.right, x); box.top = Math.min(box.top, y); box.bottom = Math.max(box.bottom, y)
+    }
+    const own = moments(rest)
+    if (!found || rest.length < 2 || !(own.mean > 0)) return null
+    return { x: box.left, y: box.top, width: box.right - box.left + 1, height: box.bottom - box.top + 1, share: found / count, contrast: own.std / own.mean }
+}
+
+function medianOf(values) {
+    const sorted = Float64Array.from(values).sort(), half = sorted.length >> 1
+    return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2
+}
+
+// The normal scores of the ranks of those values that count; equal values have their mean rank. 0 elsewhere.
+function normalScores(values, usable) {
+    const order = Float64Array.from(values.filter((_, k) => usable[k])).sort(), n = order.length, scores = new Map()
+    for (let k = 0, end; k < n; k = end) {
+        for (end = k + 1; end < n && order[end] === order[k]; end++);
+        const below = (k + end) / 2 / n
+        scores.set(order[k], 4.91 * (below ** 0.14 - (1 - below) ** 0.14))
+    }
+    return values.map((value, k) => (usable[k] ? scores.get(value) : 0))
+}
+
+// Why a contrast isn't to be stated beside a target that a part of a region departs from; "" where it is.
+function whyInPart(misfit, contrast, region) {
+    if (!misfit || contrast <= Math.max(1.1 * misfit.contrast, Math.hypot(misfit.contrast, 0.1))) return ""
+    const { x, y, width, height, share } = misfit
+    return `the target isn't what is shown here: ${(100 * share).toFixed(0)} % of the samples, within ${width} × ${height} from (${region.x + x}, ${region.y + y}), ` +
+        `depart from it further than speckle does; without them the contrast is ${misfit.contrast.toFixed(3)}, as it is ${contrast.toFixed(3)}`
+}
+
 // Contrast σ/μ of the luminance in a region, the structure of a target divided out where one is given and shown
 // (`structureFree`), with a histogram of what counts over its mean in 32 bins of 1/8, the last of which takes all that is
 // brighter. mean, raw_contrast: of the luminance as it is. withheld: why contrast is null, as the target isn't shown.
@@ -398,7 +482,9 @@ function speckle(xyz, width, region, target = null, others = [], areMistakable =
         const blocks = blocksOf(region), alike = likeness(plain, shown.wanted, blocks)
         const reason = whyWithheld(plain, shown.wanted, free, region, { ...own, contrast: own.std / own.mean }, rawContrast)
         const better = betterTarget(plain, target, shown, region, blocks, others, areMistakable)
+        const divisor = moments(shown.wanted), hasStructure = (divisor.std / divisor.mean) ** 2 >= 0.1 * (own.std / own.mean) ** 2
         withheld = whyAnother(better, alike, reason)
+        if (!withheld && hasStructure) withheld = whyInPart(localMisfit(free, region), own.std / own.mean, region)
         if (better && !withheld) doubt = `another target fits better: ${textOf(better)}`
         if (!withheld) [values, mean, std, divided] = [counted, own.mean, own.std, true]
     }
