@@ -108,6 +108,30 @@ def _contrast(rng: Random) -> Case:
     return files_case("contrast", " ".join(arguments), files, *arguments)
 
 
+def _hologram(rng: Random) -> Case:
+    """A hologram of 24 × 32 samples beside targets, through pupils and instruments, in `contrast` and `report`."""
+    files, (target, depth) = _files(rng, "target", "depth")
+    first = _pick(rng, ("bench.toml", "hologram.safetensors"))
+    command = _pick(rng, (["contrast", first], ["contrast", first], ["report", first, "-o", "r.html"]))
+    camera = ["camera", "--f-number", _mostly(rng, ("16", "60"), ("0", "nan", "0.7")), "--pixel"]
+    pupils = [["--pupils", _mostly(rng, ("2mm", "1,3mm"), ("0mm", "nan", "90mm", ""))]] * (command[0] == "contrast")
+    options = [
+        (0.7, ["--target", _pick(rng, (target, target, "picture.png"))]),
+        (0.3, ["--depth", _pick(rng, (depth, target))]),
+        (0.5, ["--region", _mostly(rng, _REGIONS, _WRONG_REGIONS)]),
+        (0.5, ["--set", "eye={}"]),
+        (0.2, ["--plane", _mostly(rng, ("10mm", "8mm"), ("0mm", "nan", "-1mm", "1e300mm"))]),
+        (0.1, ["--edge", _mostly(rng, _REGIONS, _WRONG_REGIONS)]),
+        (0.3, ["--meter", *_pick(rng, (["eye"], ["iec"], [*camera, _mostly(rng, ("4um", "9um"), ("0um", "1m"))]))]),
+        *((0.5, given) for given in pupils),
+        *((0.3, ["--align"]) for _ in pupils),
+    ]
+    arguments = [*command, *(part for chance, option in options if rng.random() < chance for part in option), "--json"]
+    return files_case(
+        "measured holograms", " ".join(arguments), valid("picture") | valid("hologram") | files, *arguments
+    )
+
+
 def _photograph(rng: Random) -> Case:
     files, (picture, dark, again, other) = _files(rng, "picture", "dark", "again", "other")
     arguments = ["contrast", picture]
@@ -202,6 +226,7 @@ def _decoder(rng: Random) -> Case:
 
 MAKERS: dict[str, Callable[[Random], Case]] = {
     "contrast": _contrast,
+    "measured holograms": _hologram,
     "photographs": _photograph,
     "observers": _observer,
     "profiles": _profile,
