@@ -168,7 +168,7 @@ def _result(
     rounds: int,
 ) -> dict[str, Any]:
     """All results and circumstances as JSON values."""
-    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
+    rows, columns = system.way.shape
     return {
         "preset": system.name,
         "size": [columns, rows],
@@ -229,6 +229,7 @@ def _device_lines(timed: dict[str, Any] | None) -> list[str]:
 
 def _sized(system: System, size: str) -> System:
     """The system with modulators of `size` samples, such as "1024x768" (x by y). Raises UserError for other sizes."""
+    system.require_short_form("its timings")
     columns, _, rows = size.partition("x")
     upsample = system.sampling.upsample
     if not (columns.isdecimal() and rows.isdecimal() and int(columns) and int(rows)):

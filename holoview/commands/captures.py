@@ -192,7 +192,11 @@ def _check(args: argparse.Namespace) -> int:
     distances = ", ".join(units.format_rounded(z, "mm") for z in summary["distances_m"])
     saturated = summary["saturated"]
     print(f"{args.captures}: {summary['captures']} captures, {summary['geometry']}")
-    print(f"  modulators   {summary['modulators']} of {columns} x {rows} pixels, {summary['levels'][0]} levels")
+    if captures.chain is None:
+        print(f"  modulators   {summary['modulators']} of {columns} x {rows} pixels, {summary['levels'][0]} levels")
+    else:
+        for name, (_, own_rows, own_columns) in captures.chain.drive_shapes.items():
+            print(f"  {name:<11}  {own_columns} x {own_rows} pixels, {summary['levels'][0]} levels")
     print(f"  camera       {image_columns} x {image_rows} pixels, {summary['mean_electrons']:.0f} electrons")
     print(f"  stops        {'; then '.join(summary['stops'])}")
     print(f"  wavelengths  {wavelengths}")

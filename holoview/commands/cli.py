@@ -83,6 +83,7 @@ def _run(words: list[str]) -> int:
             with garbage_kept():  # imports leave none, and looking for it takes a tenth of their time
                 args = _parser(words[0] if words else "").parse_args(words)
             setattr(args, LOCKS, locks)
+            args.words = words
             check_files(args)
             with memory_setting(getattr(args, "memory", None)):
                 code: int = args.run(args)

@@ -307,8 +307,7 @@ def _measured_hologram(
     meter = meter_from_args(args)
     if meter.name and args.pupils:
         raise UserError("--pupils", f"with --meter {meter.name}", expected="one of them")
-    rows, columns = (n * shown.hologram.system.sampling.upsample for n in shown.hologram.system.modulators[0].shape)
-    chosen = region or central_region((rows, columns))
+    chosen = region or central_region(shown.hologram.system.way.shape)
     measured = measure_hologram(shown.hologram, shown.plane_m, chosen, target, meter, is_aligned=args.align)
     system = shown.hologram.system
     place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")

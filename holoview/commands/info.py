@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
             table.setdefault(row.heading, {})[row.name] = row.text
         print_json(table)
         return 0
-    print(f"{system.name}: {system.description}")
+    print(": ".join(filter(None, (system.name, system.description))))
     if shown.read:
         print("\nread")
         for known in shown.read["properties"]:

@@ -44,7 +44,6 @@ from holoview.viewer.page.page import page_html
 
 _MOST = 4  # holograms of a report
 _LARGEST_BYTES = 1 << 34
-_FURTHER = ("edge", "contrast_ratio", "meter", "f_number", "pixel", "bits", "exposure")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -105,8 +104,7 @@ def run(args: argparse.Namespace) -> int:
             plane_m = (
                 float(own_m[len(own_m) // 2]) if args.plane is None else parse_plane(system, args.plane, "--plane")
             )
-            rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
-            region = central_region((rows, columns)) if args.region is None else parse_region(args.region)
+            region = central_region(system.way.shape) if args.region is None else parse_region(args.region)
             target = target_from_args(args, system, lambda text: notes.update({text: None}))
             planes_m.append(plane_m)
             edge = () if args.edge is None else edge_rows(hologram, meter, parse_region(args.edge))
@@ -120,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
         seeds["random patterns"] = args.random
     if meter.camera is not None:
         seeds["noise of the camera"] = meter.camera.seed
-    command = _command(args)
+    command = shlex.join(["holoview", *args.words])
     live = ""
     if args.live:
         first = holograms[0][2]
@@ -163,7 +161,7 @@ def _holograms(args: argparse.Namespace) -> list[tuple[str, str, Hologram]]:
     if len(args.names) > _MOST:
         raise UserError("HOLOGRAM", f"{len(args.names)} of them", expected=f"at most {_MOST} in a report")
     found = [_hologram(name, args) for name in args.names]
-    shapes = {tuple(hologram.system.modulators[0].shape) for _, _, hologram in found}
+    shapes = {hologram.system.way.shape for _, _, hologram in found}
     if len(shapes) > 1 and args.target is not None:
         raise UserError("--target", "holograms of several sizes", expected="one size", remedy="report them one by one")
     return found
@@ -190,17 +188,3 @@ def _digest(names: list[str]) -> str:
     for name in names:
         digest.update(read_bytes(Path(name), "a hologram", most=_LARGEST_BYTES))
     return digest.hexdigest()
-
-
-def _command(args: argparse.Namespace) -> str:
-    """The command line that makes the report again."""
-    words = ["holoview", "report", *map(str, args.names)]
-    for flag in ("scheme", "region", "plane", "target", "depth", *_FURTHER):
-        if getattr(args, flag) is not None:
-            words += [f"--{flag.replace('_', '-')}", str(getattr(args, flag))]
-    for flag, values in (("--set", args.changes), ("--claim", args.claim)):
-        words += [word for value in values for word in (flag, value)]
-    words += ["--random", str(args.random)] if args.random else []
-    words += ["--title", args.title] if args.title else []
-    words += ["--live"] if args.live else []
-    return shlex.join([*words, "-o", str(args.output)])

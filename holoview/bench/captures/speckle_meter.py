@@ -216,12 +216,12 @@ def laser_images(view: View, plan: Plan) -> LaserImages:
 def _degrees(system: System) -> float:
     """Visual angle from sample to sample, with an eye."""
     assert system.eye is not None
-    return sample_degrees(system.modulators[0].pitch_m / system.sampling.upsample, system.eye.eyepiece_m)
+    return sample_degrees(system.way.sample_m, system.eye.eyepiece_m)
 
 
 def _reading(system: System, meter: Meter) -> MeterReading:
     """What an eye, or the samples of the simulation, resolve."""
-    eye, pitch_m = system.eye, system.modulators[0].pitch_m / system.sampling.upsample
+    eye, pitch_m = system.eye, system.way.sample_m
     if eye is None:
         return MeterReading(
             f"none: samples of the simulation, {pitch_m * 1e6:.3g} um apart, behind the bench's own stops"
@@ -249,8 +249,8 @@ def _reading(system: System, meter: Meter) -> MeterReading:
 
 def _notes_of_pupil(system: System, pupil_na: float, pupil_m: float) -> tuple[str, ...]:
     """A sentence where the bench's light doesn't fill a pupil."""
-    λ, pitch_m = mean_wavelength(system), system.modulators[0].pitch_m
-    reach = min(system.relay2.axis_sine(λ, pitch_m), λ * system.sampling.upsample / (2 * pitch_m))
+    λ, way = mean_wavelength(system), system.way
+    reach = min(way.relays[-1].axis_sine(λ, way.orders_m[-1]), λ / (2 * way.sample_m))
     if reach >= pupil_na:
         return ()
     filled = reach / pupil_na * pupil_m
@@ -275,7 +275,7 @@ def _by_camera(
 ) -> MeasuredHologram:
     """The counts of a monochrome camera, of all lasers and of each at the same exposure, without their noise."""
     system = hologram.system
-    pitch_m = system.modulators[0].pitch_m / system.sampling.upsample
+    pitch_m = system.way.sample_m
     light = np.stack([pixel_means(part, region, lens.pixel_m / pitch_m) for part in lasers.intensity])
     total = light.sum(axis=0)
     if not total.mean() > 0:

@@ -42,7 +42,7 @@ def time_iterations(system: System, rounds: int, limit_s: float, devices: tuple[
     time.
     """
     compact = with_compact_grid(system)
-    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
+    rows, columns = system.way.shape
     stack = np.random.default_rng(_STACK_SEED).random((len(system.planes_m), rows, columns, 3), dtype=np.float32)
     names = devices or tuple(dict.fromkeys(("cpu", resolve_torch_device())))
     runs, failures, losses = {}, {}, {}

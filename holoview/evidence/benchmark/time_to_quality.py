@@ -96,7 +96,7 @@ def time_to_quality(work: Work, scope: QualityRun = QualityRun()) -> dict[str, A
     share = (adam_iterations or scope.long) / _EVERY
     return {
         "preset": work.system.name,
-        "size": [n * work.system.sampling.upsample for n in work.system.modulators[0].shape[::-1]],
+        "size": list(work.system.way.shape[::-1]),
         "wavelengths": len(work.system.wavelengths_m),
         "planes": len(work.system.planes_m),
         "processor": processor_name(),

@@ -49,7 +49,7 @@ def display_contrast(system: System, settings: Mapping[str, Any], status: Status
 
     settings: of `optimise_job`. Raises UserError where a ratio isn't defined.
     """
-    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
+    rows, columns = system.way.shape
     even = np.full((len(system.planes_m), rows, columns, 3), WHITE)
     white = optimise_job(system, even, settings, status).best
     kept = {**settings, "options": {"free": ["patterns"]}}

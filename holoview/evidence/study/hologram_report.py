@@ -10,7 +10,7 @@ import base64
 import hashlib
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +35,7 @@ from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, v
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import View
 from holoview.light.colour import fitting_stops, to_srgb8
-from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
+from holoview.light.engine.light_budget import PLACES, LightBudget, light_behind_elements, light_budget
 from holoview.light.model.derived_numbers import info_rows
 from holoview.light.model.focus import plane_label
 from holoview.light.model.plan import make_plan
@@ -65,7 +65,8 @@ class ReviewedHologram:
     name, digest: of its file. system: its bench, without the instrument. measured: of a region, by the instrument.
     plane: in words. picture: (y, x, 3) 8-bit sRGB of what an observer sees without the instrument, brightened by
     `stops`; wanted: of its target. psnr_db: of the same; black: beside white; mtf: of the region, against the target;
-    edge: of an edge at each plane, for programs. display: contrast ratios of its bench. eyebox, light: of the bench.
+    edge: of an edge at each plane, for programs. display: contrast ratios of its bench. eyebox, light: of the bench; None of a
+    field and of a chain, of which behind: the light left behind each element, by name.
     """
 
     name: str
@@ -79,11 +80,12 @@ class ReviewedHologram:
     psnr_db: float | None
     black: BlackBesideWhite | None
     eyebox: EyeboxUniformity | None
-    light: LightBudget
+    light: LightBudget | None
     region: Region
     mtf: Mtf | None = None
     edge: Sequence[dict[str, Any]] = ()
     display: DisplayContrast | None = None
+    behind: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, tuple[float, float | None]]:
@@ -108,9 +110,13 @@ class ReviewedHologram:
             values["MTF50"] = (self.mtf.half, None)
         if self.eyebox is not None:
             values["uniformity"] = (self.eyebox.uniformity, None)
-        if np.isfinite(self.light.total).all():
+        if self.light is not None and np.isfinite(self.light.total).all():
             values["picture_light"] = (float(self.light.total[list(PLACES).index("picture")]), None)
         return values
+
+    def _light_json(self) -> dict[str, float] | None:
+        is_known = self.light is not None and np.isfinite(self.light.total).all()
+        return self.light.as_json() if self.light is not None and is_known else None
 
     def as_json(self, claims: Sequence[NumberClaim]) -> dict[str, Any]:
         """For programs."""
@@ -136,7 +142,8 @@ class ReviewedHologram:
             "mtf_of_edge": list(self.edge),
             "observer": self.system.observer,
             "eyebox": eyebox,
-            "light_budget": self.light.as_json() if np.isfinite(self.light.total).all() else None,
+            "light_budget": self._light_json(),
+            **({"light_behind_elements": dict(self.behind)} if self.behind else {}),
             "claims": [
                 {"claim": of.claim.text, "value": of.value, "standard_error": of.error, "verdict": of.verdict}
                 for of in (judge_claim(claim, self.values) for claim in claims)
@@ -181,7 +188,8 @@ def review_hologram(
         psnr_db=psnr_db,
         black=black,
         eyebox=None if system.is_field else eyebox_uniformity_of(hologram),
-        light=light_budget(make_plan(system, [plane_m]), hologram.drive),
+        light=None if system.is_chain else light_budget(make_plan(system, [plane_m]), hologram.drive),
+        behind=light_behind_elements(make_plan(system, [plane_m]), hologram.drive) if system.is_chain else {},
         region=region,
         mtf=_mtf_of(measured, region, is_whole=meter.camera is not None),
         edge=edge,
@@ -309,6 +317,8 @@ def _laser_table(one: ReviewedHologram) -> dict[str, str]:
 
 
 def _light_table(one: ReviewedHologram) -> dict[str, str]:
+    if one.light is None:
+        return {f"behind {name}": _percent(share) for name, share in one.behind.items()}
     shares = zip(PLACES.values(), one.light.total.tolist(), strict=True)
     return {words: _percent(share) for words, share in shares if share > _LEAST_TOLD}
 

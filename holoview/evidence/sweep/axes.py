@@ -242,6 +242,8 @@ def own_value(system: System, key: str) -> float:
         value: Any = system.effect_values.get(rest[0], {}).get(rest[1], known[rest[1]].identity)
     else:
         value = system.modulators[0] if head in MODULATOR_KEYS else system
+        if head == "elements" and rest and not rest[0].isdecimal():
+            rest[0] = str(system.part(rest[0]))
         for part in (head, *rest):
             value, kind = _part_of(value, part, refusal)
             if isinstance(kind.item if isinstance(kind, Maybe) else kind, Integer):

@@ -86,8 +86,7 @@ def measure_point(
     planes_m = focused_planes(system)
     at_m = float(system.planes_m[len(system.planes_m) // 2]) if plane_m is None else plane_m
     if "contrast" in names:
-        shape = tuple(n * system.sampling.upsample for n in system.modulators[0].shape)
-        measured = measure_hologram(hologram, at_m, region or central_region(shape), source)
+        measured = measure_hologram(hologram, at_m, region or central_region(system.way.shape), source)
         own, is_withheld = measured.found.luminance, bool(measured.found.withheld)
         found["contrast"] = math.nan if is_withheld else own.contrast
         found["contrast_error"] = math.nan if is_withheld else own.standard_error

@@ -15,8 +15,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
 from holoview.evidence.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.evidence.study.study import Findings, JobResult, Results, StatusCallback, Study, StudyJob, StudyScale
 from holoview.evidence.sweep.axes import (
@@ -38,6 +36,7 @@ from holoview.holograms.targets.target import Placement
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.holograms.view import random_drive
 from holoview.light.model import preset
+from holoview.light.model.drives import drive_fits
 from holoview.light.model.effects.registry import load_user_effects
 from holoview.light.model.fields import to_mapping
 from holoview.light.model.focus import parse_plane
@@ -82,7 +81,7 @@ class ParameterSweep:
 
     system: System
     measures: tuple[str, ...]
-    drive: NDArray[Any] | None = None
+    drive: Any = None
     seed: int = 0
     plane: str | None = None
     region: Region | None = None
@@ -108,9 +107,10 @@ class ParameterSweep:
                 parse_plane(system, self.plane, "--plane")
             if self.settings is not None:
                 settings_with(self.settings, optimiser_changes(point))
-            elif self.drive is not None and self.drive.shape != system.drive_shape:
-                found = f"{point_text(axes, point)} needs patterns of shape {system.drive_shape}"
-                expected = f"{self.drive.shape}, as the hologram has"
+            elif self.drive is not None and not drive_fits(system, self.drive):
+                needed = ", ".join(map(str, system.drive_shapes.values()))
+                found = f"{point_text(axes, point)} needs patterns of shape {needed}"
+                expected = f"{', '.join(map(str, self.system.drive_shapes.values()))}, as the hologram has"
                 raise UserError("--set", found, expected=expected, remedy="--optimise N finds patterns for it")
         if self.target is not None:
             self.target.source(self.system)
@@ -124,7 +124,7 @@ class SweepStudy(Study):
     summary = "Measures against parameters."
     quick_note = ""
 
-    def __init__(self, sweep: ParameterSweep, starts: Mapping[str, NDArray[Any]] | None = None) -> None:
+    def __init__(self, sweep: ParameterSweep, starts: Mapping[str, Any] | None = None) -> None:
         self.sweep, self.starts = sweep, dict(starts or {})
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
@@ -144,7 +144,7 @@ class SweepStudy(Study):
             "plane": sweep.plane,
             "region": None if sweep.region is None else list(sweep.region),
             "target": None if sweep.target is None else sweep.target.identity(),
-            "patterns": sweep.seed if sweep.drive is None else hashlib.sha256(sweep.drive.tobytes()).hexdigest(),
+            "patterns": sweep.seed if sweep.drive is None else _digest_of_drive(sweep.drive),
             "effects": [_digest_of(file) for file in sweep.effect_files],
         }
         if sweep.settings is not None:
@@ -179,7 +179,7 @@ class SweepStudy(Study):
         options = settings_with(Settings(), settings["optimise"])
         start = self.starts.get(settings["after"] or "")
         if start is None and self.sweep.drive is not None and not self.sweep.is_cold:
-            start = self.sweep.drive if self.sweep.drive.shape == system.drive_shape else None
+            start = self.sweep.drive if drive_fits(system, self.sweep.drive) else None
         if start is not None:
             options = next_settings(options, options.iterations)
         elif not self.sweep.is_cold:
@@ -191,6 +191,14 @@ class SweepStudy(Study):
             status(f"{done}/{total} {note}")
 
         return optimise_hologram(system, source.build().stack, options, run, progress=tell).hologram
+
+
+def _digest_of_drive(drive: Any) -> str:
+    """Of patterns; of a chain by the names of its elements."""
+    if not isinstance(drive, Mapping):
+        return hashlib.sha256(drive.tobytes()).hexdigest()
+    parts = {name: hashlib.sha256(patterns.tobytes()).hexdigest() for name, patterns in drive.items()}
+    return hashlib.sha256(repr(sorted(parts.items())).encode()).hexdigest()
 
 
 def _digest_of(path: str | None) -> str:
@@ -207,7 +215,7 @@ def _digest_of(path: str | None) -> str:
 # --- running ----------------------------------------------------------------------------------------------------------
 
 
-Patterns = dict[str, tuple[StudyJob, NDArray[Any]]]
+Patterns = dict[str, tuple[StudyJob, Any]]
 """The job that found patterns, and these, by the other parameters of its point."""
 
 
@@ -286,7 +294,7 @@ class PointRunner:
         jobs = []
         for point in points:
             job, drive = starts.get(_others(point, axis), (None, None))
-            fits = drive is not None and drive.shape == self.sweep.system_at(self.axes, point).drive_shape
+            fits = drive is not None and drive_fits(self.sweep.system_at(self.axes, point), drive)
             jobs.append(study.job_at(self.axes, point, job if fits else None))
 
         def report(count: int, _: int, note: str) -> None:
@@ -299,7 +307,7 @@ class PointRunner:
 
 def _patterns(
     points: Sequence[Point], results: Sequence[tuple[StudyJob, JobResult]], axis: Axis | None
-) -> dict[str, tuple[StudyJob, NDArray[Any]]]:
+) -> Patterns:
     return {
         _others(point, axis): (job, result.hologram.drive)
         for point, (job, result) in zip(points, results, strict=True)

@@ -32,6 +32,17 @@ def complex_names(system: System) -> set[str]:
     return {name for name, element in named if isinstance(element, ComplexModulator)}
 
 
+def drive_fits(system: System, drive: Any) -> bool:
+    """Whether an array, or of a chain a mapping of arrays by name, has the shapes and kinds that a bench shows."""
+    if not system.is_chain:
+        return not isinstance(drive, Mapping) and tuple(drive.shape) == system.drive_shape
+    if not isinstance(drive, Mapping):
+        return False
+    of_complex = {name for name, patterns in drive.items() if np.iscomplexobj(patterns)}
+    shapes = {name: patterns.shape for name, patterns in drive.items()}
+    return of_complex == complex_names(system) and shapes == system.drive_shapes
+
+
 def short_drive(system: System, drive: Any) -> Any:
     """The drive of a bench of the short form, (frame, modulator, y, x), also from a list or mapping of its elements."""
     if not isinstance(drive, Mapping | list | tuple) or system.is_field or _is_nested(drive):

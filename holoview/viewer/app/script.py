@@ -357,7 +357,7 @@ def measure_frame_rate(
         full_s = _repeat(lambda: _full(driver, next(planes_m)), rounds, limit_s)
     finally:
         app.close()
-    columns, rows = (n * system.sampling.upsample for n in reversed(system.modulators[0].shape))
+    rows, columns = system.way.shape
     return {
         "window": list(size),
         "size": [columns, rows],

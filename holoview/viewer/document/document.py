@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.load_field import Recorded
-from holoview.light.model.drives import chain_drives, complex_names
+from holoview.light.model.drives import chain_drives, complex_names, drive_fits
 from holoview.light.model.elements import ComplexModulator, Element, PhaseModulator
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -204,12 +204,7 @@ def _chain_drive(system: System, drive: Drive) -> Drive:
 
 def _fits(system: System, drive: Drive) -> bool:
     """Whether a document's drive, whose values were checked, has the shapes that a system needs."""
-    if not system.is_chain:
-        return not isinstance(drive, Mapping) and bool(drive.shape == system.drive_shape)
-    if not isinstance(drive, ElementPatterns):
-        return False
-    is_right = complex_names(system) == {name for name, patterns in drive.items() if np.iscomplexobj(patterns)}
-    return is_right and {name: patterns.shape for name, patterns in drive.items()} == system.drive_shapes
+    return drive_fits(system, drive) and (isinstance(drive, ElementPatterns) or not system.is_chain)
 
 
 def fit_patterns(before: System, drive: Drive, system: System) -> tuple[Drive, str]:
