@@ -144,3 +144,50 @@ def test_what_flatters_a_chain_is_told(chain: Path, edits: dict[str, Any], said:
 def test_an_optimisation_tells_what_flatters_it(holoview: Callable[..., Any], chain: Path) -> None:
     done = holoview("optimise", "chain.toml", "picture.png", "--iterations", "1", "-o", "h.safetensors")
     assert "note: the field is 0.192 mm wide" in done.err
+
+
+def test_contrast_and_report_state_what_the_optimiser_states(holoview: Callable[..., Any], chain: Path) -> None:
+    """The number of `optimise` is that of `contrast`, of `report` and of a sweep: one method, of a chain too."""
+    options = ("picture.png", "--iterations", 12, "-o", "found.safetensors", "--json")
+    stated = json.loads(holoview("optimise", "chain.toml", *options).out)["speckle_contrast"]
+    target = ("--target", "picture.png")
+    measured = json.loads(holoview("contrast", "found.safetensors", *target, "--json").out)
+    # the optimiser scores in float64 what the others render in float32
+    assert measured["contrast"] == pytest.approx(stated, rel=1e-4)
+    claims = ("--claim", "C < 2", "--claim", "picture_light > 0.1")
+    holoview("report", "found.safetensors", *target, *claims, "-o", "report.html")
+    (told,) = json.loads((chain / "report.json").read_text())["holograms"]
+    assert told["contrast"] == pytest.approx(measured["contrast"], rel=1e-12)
+    assert [claim["verdict"] for claim in told["claims"]] == ["holds", "not measured"]
+    left = json.loads(holoview("info", "found.safetensors", "--json").out)["light_behind"]
+    assert told["light_behind_elements"] == pytest.approx(left)
+    sweep = ("--set", "elements.space.distance=1mm:2mm:2", "--measure", "contrast", *target, "--json", "-o", "gap.csv")
+    points = json.loads(holoview("sweep", "found.safetensors", *sweep).out)["points"]
+    assert points[0]["contrast"] == pytest.approx(measured["contrast"], rel=1e-12)
+
+
+def test_a_chain_is_swept_optimised_anew_and_has_tolerances(holoview: Callable[..., Any], chain: Path) -> None:
+    way = ("--set", "elements.space.distance=0.5mm:1.5mm:3")
+    found = holoview("sweep", "chain.toml", *way, "--target", "picture.png", "--optimise", 2, "--measure", "psnr",
+                     "-o", "anew.csv")  # fmt: skip
+    assert found.code == 0, found.err
+    assert len((chain / "anew.csv").read_text().splitlines()) == 4
+    limits = holoview("sweep", "chain.safetensors", *way, "--target", "picture.png", "--tolerance", "psnr=20dB", "--json",
+                      "-o", "limits.csv")  # fmt: skip
+    assert json.loads(limits.out)["tolerance"]["limits"][0]["own"] == pytest.approx(1e-3)
+    wrong = holoview("sweep", "chain.safetensors", "--set", "elements.phase.shape=[24,32],[12,32]", "-o", "wrong.csv")
+    assert wrong.code == 2
+    assert "needs patterns of shape (1, 12, 32), (1, 6, 8); expected (1, 24, 32), (1, 6, 8)" in wrong.err
+
+
+def test_checked_captures_of_a_chain_list_each_element(holoview: Callable[..., Any], chain: Path) -> None:
+    assert holoview("captures", "make", "chain.toml", "-o", "seen.h5").code == 0
+    told = holoview("captures", "check", "seen.h5", "--quick").out
+    assert "32 x 24 pixels" in told
+    assert "coarse       8 x 6 pixels" in told
+
+
+def test_a_bench_of_a_chain_isn_t_timed(holoview: Callable[..., Any], chain: Path) -> None:
+    told = holoview("bench", "chain.toml")
+    assert told.code == 2
+    assert "its timings, of a chain of elements" in told.err

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.effects.registry import effects_for, listed_effects
+from holoview.light.model.system import System
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.parameters import EffectsPanel
 from holoview.viewer.render.view_settings import NOW
@@ -39,6 +40,64 @@ def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Gui]) 
     assert set(gui.session.system.effect_values) == set(listed_effects())
     gui.context.commands.run("Switch off all effects")
     assert gui.session.system == small_bench(**IRISES)
+
+
+def _chain(**changes: Any) -> System:
+    """A phase modulator, a space with an iris, a coarser amplitude modulator, a mask, and a space with a stop."""
+    elements: list[dict[str, Any]] = [
+        {"kind": "phase", "name": "slm", "pitch": 8e-6, "shape": (24, 32), "stroke": 825e-9},
+        {"kind": "space", "name": "way", "distance": 1e-3, "iris_na": 0.025},
+        {"kind": "amplitude", "name": "coarse", "pitch": 32e-6, "shape": (6, 8)},
+        {"kind": "mask", "name": "still", "pitch": 8e-6, "shape": (24, 32), "pattern": "random", "stroke": 3e-7},
+        {"kind": "space", "name": "rest", "square": "first order of slm"},
+    ]
+    chain = System([532e-9, 620e-9], [[1.0, 1.0]], elements=elements, planes_m=[2e-3])
+    return chain.edit(changes) if changes else chain
+
+
+_BENCHES: dict[str, Callable[[], System]] = {"short": lambda: small_bench(**IRISES), "chain": _chain}
+
+
+def test_effects_on_elements_are_switches_below_the_names_of_the_elements(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(_chain(**{"effects.leakage@coarse.amplitude": 0.15}), (640, 2400), panels=(EffectsPanel,))
+    lines = [name for name in gui.context.item_rects if name.startswith("effect ")]
+    assert {"effect leakage@coarse", "effect misplaced@still", "effect iris@way", "effect bandwidth"} <= set(lines)
+    assert "effects.leakage@coarse.amplitude" in gui.context.item_rects, "its sliders are open, as it is on"
+    gui.drag(
+        gui.item_position("effects.leakage@coarse.amplitude", 0.3),
+        gui.item_position("effects.leakage@coarse.amplitude", 0.5),
+        steps=4,
+    )
+    changed = gui.session.system.effect_values["leakage@coarse"]["amplitude"]
+    assert changed > 0.2
+    gui.click(gui.item_position("effect leakage@coarse", 0.1))
+    assert gui.session.system == _chain()
+    gui.draw_frames(2)
+    gui.click(gui.item_position("effect leakage@coarse", 0.1))
+    assert gui.session.system.effect_values == {"leakage@coarse": {"amplitude": changed}}
+    for _ in range(3):
+        gui.press_chord("Ctrl+Z")
+    assert gui.session.system.effect_values == {"leakage@coarse": {"amplitude": 0.15}}
+
+
+@pytest.mark.explores
+@pytest.mark.parametrize(
+    ("bench", "name"), [(bench, effect.id) for bench in _BENCHES for effect in effects_for(_BENCHES[bench]())]
+)
+def test_every_effect_is_shown_and_undone(make_gui: Callable[..., Gui], bench: str, name: str) -> None:
+    plain = _BENCHES[bench]()
+    gui = make_gui(plain, (640, 2400), panels=(ImagePanel, EffectsPanel))
+    gui.click(gui.item_position(f"effect {name}", 0.1))
+    if name == "gap@rest":  # the way to the planes has no distance of its own
+        assert gui.session.system == plain
+        assert "use the effect distance" in gui.last_message()
+        return
+    assert set(gui.session.system.effect_values) == {name}, gui.last_message()
+    gui.draw_until_idle()
+    assert np.isfinite(gui.context.side_renderers.xyz(NOW)).all()
+    assert not [message.text for message in gui.session.messages.all if message.kind == "error"]
+    gui.press_chord("Ctrl+Z")
+    assert gui.session.system == plain
 
 
 def test_an_effect_changes_the_image_and_undo_brings_it_back(make: Callable[..., Gui]) -> None:

@@ -305,9 +305,7 @@ class PointRunner:
         return run_jobs(study, jobs, self.store, self.target, report)
 
 
-def _patterns(
-    points: Sequence[Point], results: Sequence[tuple[StudyJob, JobResult]], axis: Axis | None
-) -> Patterns:
+def _patterns(points: Sequence[Point], results: Sequence[tuple[StudyJob, JobResult]], axis: Axis | None) -> Patterns:
     return {
         _others(point, axis): (job, result.hologram.drive)
         for point, (job, result) in zip(points, results, strict=True)

@@ -98,6 +98,18 @@ def effects_of(bench: DataProperties) -> list[Effect]:
     ]
 
 
+def effects_for(system: System) -> list[Effect]:
+    """The effects that a bench is offered as switches: as `effects_of`, and those on elements that it has besides.
+
+    >>> import holoview as hv
+    >>> [effect.id for effect in effects_for(hv.load("high-contrast")) if effect.acts_on == ("coarse",)][:2]
+    ['amplitude_gamma@coarse', 'leakage@coarse']
+    """
+    offered = effects_of(bench_properties(system))
+    known = {effect.id for effect in offered}
+    return [*offered, *(get_effect(name) for name in system.effect_values if AT in name and name not in known)]
+
+
 def effect_or_twin(name: str) -> Effect:
     """The effect of an id, or of the id that several have where they act on an element: the first of these.
 

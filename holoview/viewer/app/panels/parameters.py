@@ -14,7 +14,8 @@ from imgui_bundle import imgui
 
 from holoview.light.model import fields as describe
 from holoview.light.model.effects.effect import Effect, Parameter
-from holoview.light.model.effects.registry import get_effect, listed_effects, unmet_requirement
+from holoview.light.model.effects.on_element import OnElement, split_id
+from holoview.light.model.effects.registry import ActiveEffects, effects_for, get_effect, unmet_requirement
 from holoview.light.model.fields import Integer, Number, Shape
 from holoview.light.model.system import System
 from holoview.util import units
@@ -196,13 +197,14 @@ def _draw_light(context: AppContext, system: System) -> None:
 # --- effects ----------------------------------------------------------------------------------------------------------
 
 
+_CAMERA = "Camera (in captures only)"
 _PLACES = {
     "source": "Source",
     "modulator 1": "Modulators",
     "modulator 2": "Modulators",
     "relay 1": "Relay 1",
     "relay 2": "Relay 2",
-    "camera": "Camera (in captures only)",
+    "camera": _CAMERA,
 }
 Table = dict[str, dict[str, float]]
 
@@ -224,7 +226,7 @@ class EffectsPanel(Panel):
 
     def draw(self, context: AppContext) -> None:
         """Draws a switch for each effect, and the sliders of those that are on."""
-        system, effects = context.session.system, listed_effects()
+        system, effects = context.session.system, effects_for(context.session.system)
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.56)
         _, self._query = imgui.input_text_with_hint("##words", "find an effect", self._query)
         imgui.same_line()
@@ -233,7 +235,7 @@ class EffectsPanel(Panel):
             self._switch_off(context)
         imgui.begin_child("effects", child_flags=imgui.ChildFlags_.nav_flattened)
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.5)
-        for location, group in _by_place(self._found(effects.values())).items():
+        for location, group in _by_place(self._found(effects), system).items():
             imgui.separator_text(location)
             for effect in group:
                 imgui.push_id(effect.id)
@@ -247,7 +249,10 @@ class EffectsPanel(Panel):
         return [
             effect
             for effect in effects
-            if all(word in f"{_name(effect)} {effect.id} {effect.cause}".lower() for word in words)
+            if all(
+                word in f"{_name(effect)} {effect.id} {effect.cause} {' '.join(effect.acts_on)}".lower()
+                for word in words
+            )
         ]
 
     def _draw_effect(self, context: AppContext, effect: Effect) -> None:
@@ -269,7 +274,7 @@ class EffectsPanel(Panel):
             imgui.unindent()
 
     def _draw_fine(self, context: AppContext, effect: Effect, fine: list[Parameter], values: dict[str, float]) -> None:
-        if fine and imgui.tree_node(f"{len(fine)} finer ones"):
+        if fine and imgui.tree_node(f"{len(fine)} finer {'one' if len(fine) == 1 else 'ones'}"):
             self._draw_sliders(context, effect, fine, values)
             imgui.tree_pop()
 
@@ -281,38 +286,57 @@ class EffectsPanel(Panel):
             key = f"effects.{effect.id}.{parameter.name}"
             context.record_item_rect(key)
             if edited is not None:
-                context.change(f"Effect {_name(effect)}", key, edited.value, is_held=edited.is_held)
+                context.change(f"Effect {_title(effect)}", key, edited.value, is_held=edited.is_held)
 
     def _switch(self, context: AppContext, effect: Effect, is_on: bool) -> None:
-        table = context.session.system.effect_values
+        system = context.session.system
+        table = system.effect_values
         if is_on:
-            table[effect.id] = self._switched_off.get(effect.id) or _typical_values(effect)
+            table[effect.id] = self._switched_off.get(effect.id) or _typical_values(effect, system)
         else:
             self._switched_off[effect.id] = table.pop(effect.id)
-        context.change(f"Effect {_name(effect)} {'on' if is_on else 'off'}", "effects", table)
+        with context.session.report_errors():  # also an effect that this bench can't have changes nothing
+            ActiveEffects(table).actual_system(system)
+            context.change(f"Effect {_title(effect)} {'on' if is_on else 'off'}", "effects", table)
 
     def _switch_off(self, context: AppContext) -> None:
         self._switched_off |= context.session.system.effect_values
         context.change("All effects off", "effects", {})
 
 
-def _by_place(effects: list[Effect]) -> dict[str, list[Effect]]:
-    places: dict[str, list[Effect]] = {location: [] for location in _PLACES.values()}
+def _by_place(effects: list[Effect], system: System) -> dict[str, list[Effect]]:
+    """The effects by headings in the order of the light: parts of a short form, or the names of a chain's elements."""
+    places = {**_PLACES, "relay 2": "To the focal plane"} if system.is_chain else _PLACES
+    names = [*places.values(), *system.element_names]
+    groups: dict[str, list[Effect]] = {name: [] for name in (*(n for n in names if n != _CAMERA), _CAMERA)}
     for effect in effects:
-        places[_PLACES[effect.acts_on[0]]].append(effect)
-    return {location: group for location, group in places.items() if group}
+        groups.setdefault(places.get(effect.acts_on[0], effect.acts_on[0]), []).append(effect)
+    return {location: group for location, group in groups.items() if group}
 
 
-def _typical_values(effect: Effect) -> dict[str, float]:
-    """Initial values: the first parameter is its prior away from its identity, so that the effect is visible."""
+def _typical_values(effect: Effect, system: System) -> dict[str, Any]:
+    """Initial values: the first parameter is its prior away from its identity, so that the effect is visible.
+
+    Where that contradicts the others' identities, those of the effect's first starting point.
+    """
     first = effect.parameters[0]
-    return {first.name: first.nudged(1.0)}
+    values: dict[str, Any] = {first.name: first.nudged(1.0)}
+    if effect.contradiction(effect.parameter_values(values)):
+        return dict(next(iter(effect.starting_points(system)), values))
+    return values
 
 
 def _name(effect: Effect) -> str:
-    return effect.id.replace("_", " ")
+    """Of an effect on an element without the element, which is the heading."""
+    return split_id(effect.id)[0].replace("_", " ")
+
+
+def _title(effect: Effect) -> str:
+    """Of a step of undo."""
+    return f"{_name(effect)}{f' of {effect.element}' if isinstance(effect, OnElement) else ''}"
 
 
 def _equation(effect: Effect) -> str:
     """The first paragraph of an effect's docstring, which says what it does to the light."""
-    return (inspect.getdoc(type(effect)) or "").partition("\n\n")[0]
+    own = effect.effect if isinstance(effect, OnElement) else effect
+    return (inspect.getdoc(type(own)) or "").partition("\n\n")[0]
