@@ -44,6 +44,7 @@ from holoview.commands.hologram_files import (
 )
 from holoview.commands.output_files import add_input, add_output
 from holoview.commands.speckle_options import (
+    STRUCTURE_COUNTS,
     add_edge,
     add_meter,
     add_place,
@@ -433,7 +434,7 @@ def _format_result(result: dict[str, Any], measured: _Measured) -> str:
         f"{width} x {height} at ({x}, {y})",
     ]
     if not measured.found.has_target and not measured.found.withheld:
-        lines.append("structure of a picture counts as speckle here: choose a region that should be even, or --target")
+        lines.append(STRUCTURE_COUNTS)
     lines += speckle_lines(measured.found, measured.reading)
     if result["clipped"] > 0:
         lines.append(

@@ -18,6 +18,7 @@ from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import add_field_options, check_no_field_options, is_preset, open_files
 from holoview.commands.output_files import add_input, add_output, check_files
 from holoview.commands.speckle_options import (
+    STRUCTURE_COUNTS,
     add_edge,
     add_meter,
     add_place,
@@ -137,7 +138,10 @@ def run(args: argparse.Namespace) -> int:
         stated = f"withheld: {one['withheld']}"
         if one["contrast"] is not None:
             stated = f"{one['contrast']:.4f} +- {one['standard_error']:.2g}"
-        print(f"{one['name']}: speckle contrast {stated}")
+        is_raw = bool(one["sha256"]) and one["contrast"] is not None and not one["structure_removed"]
+        print(f"{one['name']}: {'raw ' if is_raw else ''}speckle contrast {stated}")
+        if is_raw:
+            print(f"  {STRUCTURE_COUNTS}")
         for claim in one["claims"]:
             print(f"  claim {claim['claim']}: {claim['verdict']}")
     print(f"{args.output}, {beside}")

@@ -168,13 +168,14 @@ def test_contrast_and_report_state_what_the_optimiser_states(holoview: Callable[
 
 def test_a_chain_is_swept_optimised_anew_and_has_tolerances(holoview: Callable[..., Any], chain: Path) -> None:
     way = ("--set", "elements.space.distance=0.5mm:1.5mm:3")
-    found = holoview("sweep", "chain.toml", *way, "--target", "picture.png", "--optimise", 2, "--measure", "psnr",
-                     "-o", "anew.csv")  # fmt: skip
+    target = ("--target", "picture.png")
+    anew = ("--optimise", 2, "--measure", "psnr", "-o", "anew.csv")
+    found = holoview("sweep", "chain.toml", *way, *target, *anew)
     assert found.code == 0, found.err
     assert len((chain / "anew.csv").read_text().splitlines()) == 4
-    limits = holoview("sweep", "chain.safetensors", *way, "--target", "picture.png", "--tolerance", "psnr=20dB", "--json",
-                      "-o", "limits.csv")  # fmt: skip
-    assert json.loads(limits.out)["tolerance"]["limits"][0]["own"] == pytest.approx(1e-3)
+    allowed = ("--tolerance", "psnr=20dB", "--json", "-o", "limits.csv")
+    limits = json.loads(holoview("sweep", "chain.safetensors", *way, *target, *allowed).out)["tolerance"]["limits"]
+    assert limits[0]["own"] == pytest.approx(1e-3)
     wrong = holoview("sweep", "chain.safetensors", "--set", "elements.phase.shape=[24,32],[12,32]", "-o", "wrong.csv")
     assert wrong.code == 2
     assert "needs patterns of shape (1, 12, 32), (1, 6, 8); expected (1, 24, 32), (1, 6, 8)" in wrong.err

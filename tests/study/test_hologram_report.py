@@ -227,3 +227,18 @@ def test_mistakes_are_named(
     err = capsys.readouterr().err
     assert said in err and err.count("\n") == 1
     assert not list(tmp_path.glob("*.html")) and not list(tmp_path.glob("*.json"))
+
+
+def test_a_contrast_without_a_target_is_named_raw(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The structure of a picture counts in it; random patterns have none."""
+    claim = ("--claim", "C < 0.4", "-o", str(tmp_path / "raw.html"))
+    assert cli.main(["report", str(folder / "one.safetensors"), *claim]) == 0
+    told = capsys.readouterr().out
+    assert "one.safetensors: raw speckle contrast" in told
+    assert "structure of a picture counts as speckle here" in told
+    assert ", raw)" in (tmp_path / "raw.html").read_text(encoding="utf-8")
+    assert cli.main(["report", "holochrome-8", "--set", "shape=[24,32]", *claim]) == 0
+    assert "raw speckle" not in capsys.readouterr().out
+    assert ", raw)" not in (tmp_path / "raw.html").read_text(encoding="utf-8")

@@ -65,8 +65,8 @@ class ReviewedHologram:
     name, digest: of its file. system: its bench, without the instrument. measured: of a region, by the instrument.
     plane: in words. picture: (y, x, 3) 8-bit sRGB of what an observer sees without the instrument, brightened by
     `stops`; wanted: of its target. psnr_db: of the same; black: beside white; mtf: of the region, against the target;
-    edge: of an edge at each plane, for programs. display: contrast ratios of its bench. eyebox, light: of the bench; None of a
-    field and of a chain, of which behind: the light left behind each element, by name.
+    edge: of an edge at each plane, for programs. display: contrast ratios of its bench. eyebox: of the bench; None of a
+    field. light: of the bench; None of a chain. behind: of a chain the light left behind each element, by name.
     """
 
     name: str
@@ -505,18 +505,21 @@ def _claim_rows(reviewed: Sequence[ReviewedHologram], claims: Sequence[NumberCla
         {
             "text": claim.text,
             "quantity": QUANTITIES[claim.quantity],
-            "verdicts": [_verdict(judge_claim(claim, one.values), one.measured.found.withheld) for one in reviewed],
+            "verdicts": [_verdict(judge_claim(claim, one.values), one) for one in reviewed],
         }
         for claim in claims
     ]
 
 
-def _verdict(judged: JudgedClaim, withheld: str) -> dict[str, str]:
-    """withheld: why the contrast isn't stated, "" where it is."""
+def _verdict(judged: JudgedClaim, one: ReviewedHologram) -> dict[str, str]:
+    """A verdict in words, with its value, which is named raw where the structure of a picture counts in it."""
+    found = one.measured.found
     kinds = {"holds": "good", "doesn't hold": "bad"}
     value = NEEDS.get(judged.claim.quantity, "") if judged.value is None else _value(judged.value, judged.error)
-    if judged.value is None and withheld and judged.claim.quantity in OF_SPECKLE:
+    if judged.claim.quantity in OF_SPECKLE and judged.value is None and found.withheld:
         value = "the contrast is withheld"
+    elif judged.claim.quantity in OF_SPECKLE and judged.value is not None and one.digest and not found.has_target:
+        value += ", raw"
     return {"value": value, "verdict": judged.verdict, "kind": kinds.get(judged.verdict, "open")}
 
 
