@@ -92,6 +92,20 @@ def test_names_and_numbers_are_typed(gui: Gui) -> None:
     assert gui.session.view_settings.region_name == "B" and gui.session.view_settings.region[0] == 7
 
 
+def test_what_was_typed_is_kept_as_the_field_is_left_and_dropped_by_escape(gui: Gui) -> None:
+    """While it is typed, the figures of the table are computed anew."""
+    _draw_two(gui)
+    for leave, name in ((lambda: gui.press_chord("Escape"), "A"), (lambda: gui.click((320, 100)), "sky")):
+        gui.click(gui.item_position("name of region A"))
+        gui.press_chord("Ctrl+A")
+        gui.type_text("sky")
+        gui.session.edit_view("Plane", plane_m=gui.session.document.view_settings.plane_m * 1.01)
+        gui.draw_until_idle()
+        leave()
+        gui.draw_frames(2)
+        assert {of.name for of in gui.session.view_settings.regions} == {"B", name}
+
+
 def test_the_table_is_copied_and_saved(gui: Gui, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _draw_two(gui)
     copied: list[str] = []

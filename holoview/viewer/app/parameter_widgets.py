@@ -30,7 +30,7 @@ from holoview.light.model.stops import APERTURE, CentreField, SquareField, Squar
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.viewer.app.context import AppContext
-from holoview.viewer.app.widgets import combo, fine_slider, fine_slider_int, is_item_held, tooltip
+from holoview.viewer.app.widgets import combo, fine_slider, fine_slider_int, is_item_held, is_taken_over, tooltip
 
 _RESET_MULTIPLE = 3.0  # the limit of a slider, as a multiple of the value that a right click restores
 _MAX_RATIO = 1000.0  # of the limits of a kind, up to which a slider covers its whole range
@@ -79,6 +79,7 @@ def parameter_field(parameter: Parameter, value: Any) -> WidgetEdit | None:
 def _list_field(p: ListParameter, value: Any) -> WidgetEdit | None:
     name, shown = p.name.replace("_", " "), p.format(value, digits=6)
     entered, text = imgui.input_text(name, shown, imgui.InputTextFlags_.enter_returns_true)
+    entered = is_taken_over(entered)
     if _tooltip_and_reset(f"{p.doc}\nnumbers with commas; Enter accepts them, a right click empties the list"):
         return WidgetEdit(p.identity, False)
     return WidgetEdit(text, False) if entered else None
@@ -256,7 +257,8 @@ def levels_field(name: str, value: Any, doc: str) -> WidgetEdit | None:
 
 def _shape(name: str, value: tuple[int, int], doc: str) -> WidgetEdit | None:
     changed, text = imgui.input_text(name, f"{value[0]}, {value[1]}", imgui.InputTextFlags_.enter_returns_true)
-    tooltip(f"{doc} Enter takes them over.")
+    changed = is_taken_over(changed)
+    tooltip(f"{doc} Enter takes them over, Escape drops them.")
     parts = [part.strip() for part in text.split(",")]
     if not changed:
         return None
@@ -266,7 +268,8 @@ def _shape(name: str, value: tuple[int, int], doc: str) -> WidgetEdit | None:
 def _places(name: str, kind: Several, value: tuple[float, ...], doc: str) -> WidgetEdit | None:
     shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
     changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, imgui.InputTextFlags_.enter_returns_true)
-    tooltip(f"{doc} Down, right; Enter takes them over.")
+    changed = is_taken_over(changed)
+    tooltip(f"{doc} Down, right; Enter takes them over, Escape drops them.")
     return WidgetEdit([f"{part.strip()} {kind.item.unit}" for part in text.split(",")], False) if changed else None
 
 
@@ -310,7 +313,8 @@ def _coefficients(name: str, kind: Coefficients, value: tuple[tuple[int, float],
 def _lengths(name: str, kind: Array, value: Any, doc: str) -> WidgetEdit | None:
     shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
     changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, imgui.InputTextFlags_.enter_returns_true)
-    tooltip(f"{doc} Several are parted by commas; Enter takes them over.")
+    changed = is_taken_over(changed)
+    tooltip(f"{doc} Several are parted by commas; Enter takes them over, Escape drops them.")
     if not changed:
         return None
     return WidgetEdit([f"{part.strip()} {kind.item.unit}" for part in text.split(",") if part.strip()], False)

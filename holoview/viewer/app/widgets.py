@@ -135,6 +135,12 @@ def fine_drag(label: str, value: float, speed: float, low: float, high: float, t
     return (True, min(max(value + steps * speed, low), high)) if steps else (changed, shown)
 
 
+def is_taken_over(is_entered: bool) -> bool:
+    """Whether the text of the last field is taken over: by Enter, or as the field is left; Escape drops it."""
+    is_left = imgui.is_item_deactivated_after_edit() and not imgui.is_key_pressed(imgui.Key.escape)
+    return is_entered or is_left
+
+
 def is_item_held() -> bool:
     """Whether the last item is being dragged, or stepped by a key: such edits belong together."""
     return imgui.is_item_active() or any(imgui.is_key_down(key) for key in _STEP_KEYS)

@@ -16,7 +16,7 @@ from holoview.holograms.load_field import Recorded
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.viewport import Viewport
-from holoview.viewer.app.widgets import button, combo, share_of_width, tooltip
+from holoview.viewer.app.widgets import button, combo, is_taken_over, share_of_width, tooltip
 from holoview.viewer.render.view_settings import ViewSettings
 
 _OWN_COLOURS = ViewSettings(plane_m=0.0, page="field")
@@ -149,6 +149,7 @@ def _draw_numbers(context: AppContext, chosen: Recorded, wavelength: int) -> Ord
     order = chosen.recording.orders[wavelength]
     shown = [order.carrier[1], order.carrier[0], order.radius]
     is_entered, (x, y, radius) = imgui.input_float3("x y r", shown, "%.4f", imgui.InputTextFlags_.enter_returns_true)
+    is_entered = is_taken_over(is_entered)
     context.record_item_rect("numbers of the order")
     tooltip("Centre and radius of the circle, cycles a pixel; Enter takes them over.")
     if is_entered:

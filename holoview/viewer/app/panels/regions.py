@@ -9,15 +9,15 @@ from imgui_bundle import imgui
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import command_button, dimmed, tooltip, wrapped_text
+from holoview.viewer.app.widgets import command_button, dimmed, is_taken_over, tooltip, wrapped_text
 from holoview.viewer.document.measurements import RegionRow
 from holoview.viewer.document.region_table import region_rows, table_text
 from holoview.viewer.render.view_settings import ViewSettings
 
 _ENTER = imgui.InputTextFlags_.enter_returns_true
 _COLUMNS = {
-    "region": "Its name: type another; Enter takes it over.",
-    "x, y, w, h": "Left, top, width and height in samples of the image; Enter takes them over.",
+    "region": "Its name: type another; Enter takes it over, Escape drops it.",
+    "x, y, w, h": "Left, top, width and height in samples of the image; Enter takes them over, Escape drops them.",
     "contrast": "Speckle contrast with its standard error; with a target, without the picture's structure.",
     "raw": "The contrast with the picture's structure.",
     "mean": "Mean luminance; 1 is white.",
@@ -137,12 +137,14 @@ def _draw_place(context: AppContext, row: RegionRow, view: ViewSettings) -> None
     imgui.same_line()
     imgui.set_next_item_width(4 * em)
     is_entered, name = imgui.input_text("##name", row.name, _ENTER)
+    is_entered = is_taken_over(is_entered)
     context.record_item_rect(f"name of region {row.name}")
     if is_entered and name != row.name:
         context.attempt(lambda: _edit(context, "Rename a region", view.with_region_renamed(row.name, name)))
     imgui.table_next_column()
     imgui.set_next_item_width(10.5 * em)
     is_entered, numbers = imgui.input_int4("##place", list(row.region), _ENTER)
+    is_entered = is_taken_over(is_entered)
     context.record_item_rect(f"place of region {row.name}")
     if is_entered:
         x, y, width, height = numbers
@@ -154,8 +156,9 @@ def _draw_line_and_cursor(context: AppContext, view: ViewSettings) -> None:
     if view.profile is not None:
         imgui.set_next_item_width(16 * em)
         is_entered, ends = imgui.input_float4("line", list(view.profile), "%.5g", _ENTER)
+        is_entered = is_taken_over(is_entered)
         context.record_item_rect("line")
-        tooltip("From x, y to x, y in samples of the image; Enter takes them over.")
+        tooltip("From x, y to x, y in samples of the image; Enter takes them over, Escape drops them.")
         if is_entered:
             context.edit_view("Line", profile=tuple(float(f"{end:.6g}") for end in ends))
         imgui.same_line()
@@ -163,8 +166,11 @@ def _draw_line_and_cursor(context: AppContext, view: ViewSettings) -> None:
     row, column = view.cursor_in(context.session.document.image_shape)
     imgui.set_next_item_width(8 * em)
     is_entered, place = imgui.input_int2("cursor", [column, row], _ENTER)
+    is_entered = is_taken_over(is_entered)
     context.record_item_rect("cursor")
-    tooltip("x, y in samples, whose light the panels Sections and Point show; Enter takes them over.")
+    tooltip(
+        "x, y in samples, whose light the panels Sections and Point show; Enter takes them over, Escape drops them."
+    )
     if is_entered:
         context.edit_view("Cursor", cursor=(place[0], place[1]))
 

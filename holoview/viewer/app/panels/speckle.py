@@ -14,7 +14,7 @@ from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.plots import draw_retinal_curve, draw_retinal_state
-from holoview.viewer.app.widgets import command_button, dimmed, share_of_width, tooltip, wrapped_text
+from holoview.viewer.app.widgets import command_button, dimmed, is_taken_over, share_of_width, tooltip, wrapped_text
 from holoview.viewer.document.measurements import ContrastCurve, ImageMeasurements, LineProfile
 from holoview.viewer.document.optimisation_job import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 from holoview.viewer.render.view_settings import NOW
@@ -131,7 +131,8 @@ def _draw_tools(context: AppContext) -> None:
     changed, numbers = imgui.input_int4(
         "x y w h", list(state.measured_region), imgui.InputTextFlags_.enter_returns_true
     )
-    tooltip("The region in samples of the image: left, top, width, height. Enter applies.")
+    changed = is_taken_over(changed)
+    tooltip("The region in samples of the image: left, top, width, height. Enter takes them over, Escape drops them.")
     if changed:
         with context.session.report_errors("region"):
             x, y, w, h = numbers
