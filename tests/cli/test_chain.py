@@ -104,12 +104,9 @@ def test_an_optimisation_of_a_chain_goes_on_from_its_checkpoint(holoview: Callab
 
 REFUSING = {
     "bench": ("bench", "chain.toml", "--rounds", 1),
-    "a page": ("export", "chain.safetensors", "--html", "page.html"),
     "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),
     "captures of a Fourier bench": ("captures", "make", "chain.toml", "--focal-length", "0.1m", "-o", "captures.h5"),
-    "a named method": ("optimise", "chain.toml", "picture.png", "--method", "gerchberg-saxton"),
     "a study": ("study", "hologram", "chain.safetensors", "-o", "study"),
-    "a report": ("report", "chain.safetensors", "-o", "report"),
     "patterns from pictures": ("render", "chain.toml", "--slm1", "picture.png"),
     "an effect": ("render", "chain.toml", "--effects", "gap.gap_error=0.1mm"),
     "the short form's keys": ("info", "chain.toml", "--set", "gap=2mm"),
