@@ -93,7 +93,7 @@ def retinal_contrast(
     """
     if system.eye is None:
         raise UserError("retinal speckle", "there is no eye", expected="a bench with an eye")
-    pitch_m = system.modulators[0].pitch_m / system.sampling.upsample
+    pitch_m = system.way.sample_m
     degrees = sample_degrees(pitch_m, system.eye.eyepiece_m)
     found = luminance_contrast(luminance, region, target)
     of_cones = None if target is None else channels_seen_by_cones(target, degrees)
