@@ -235,14 +235,14 @@ def test_a_table_with_semicolons_and_decimal_commas_is_imported(holoview: Run, t
 
 
 BENCH = FarField(coma=-0.3, defocus=0.1)
-SMALL = dataclasses.replace(BENCH, radius=20.0, axis=(58.0, 82.0), shape=(120, 160))
+SMALL_BENCH = dataclasses.replace(BENCH, radius=20.0, axis=(58.0, 82.0), shape=(120, 160))
 """Half as many pixels along a side, where no length is measured: a fourth of the time."""
 
 
 def _far_field_files(seeds: list[int], bench: FarField = BENCH) -> list[str]:
     """Pictures and patterns of an independent program's bench as PNG, and the arguments that import them."""
     for seed in seeds:
-        pattern = spread_pattern(seed, (48, 64) if bench is SMALL else (96, 128))
+        pattern = spread_pattern(seed, (48, 64) if bench is SMALL_BENCH else (96, 128))
         Image.fromarray(pattern).save(f"mask{seed}.png")
         Image.fromarray(photograph(pattern, bench, seed)).save(f"seen{seed}.png")
     patterns = [text for seed in seeds for text in ("--pattern", f"mask{seed}.png")]
@@ -253,8 +253,8 @@ GEOMETRY = ("--wavelength", "532nm", "--pitch", "36um", "--camera-pitch", "12um"
 
 
 def test_pictures_and_patterns_become_captures_that_say_what_was_assumed(holoview: Run) -> None:
-    arguments = _far_field_files([31, 32], SMALL)
-    mask = np.full(SMALL.shape, 255, np.uint8)
+    arguments = _far_field_files([31, 32], SMALL_BENCH)
+    mask = np.full(SMALL_BENCH.shape, 255, np.uint8)
     mask[:, :20] = 0
     Image.fromarray(mask).save("mask.png")
     more = ("--mask", "mask.png", "--roi", "5:115,0:160", "--overlay", "over.png", "-o", "c.h5")
@@ -266,7 +266,7 @@ def test_pictures_and_patterns_become_captures_that_say_what_was_assumed(holovie
     assert captures.usable is not None
     assert not captures.usable[:, :, :20].any() and not captures.usable[:, :5].any()
     with Image.open("over.png") as overlay:
-        assert overlay.width > 3 * SMALL.shape[1]  # measured, predicted, both, and both enlarged
+        assert overlay.width > 3 * SMALL_BENCH.shape[1]  # measured, predicted, both, and both enlarged
     told = holoview("captures", "check", "c.h5", "--quick").out
     assert "left out" in told and "rows 5 to 114, columns 20 to 159" in told
     assert "estimated    electrons a count" in told

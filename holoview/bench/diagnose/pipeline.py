@@ -37,7 +37,7 @@ from holoview.bench.diagnose.crop import (
     without_light_from_beyond,
 )
 from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
-from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.fit import CandidateFit, FittedValues
 from holoview.bench.diagnose.judge import Lookalikes, SearchResult, Verdict
 from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.nuisances import detect_nuisances
@@ -74,7 +74,7 @@ from holoview.bench.diagnose.speckle_evidence import (
     light_by_speckle,
     window_for_light,
 )
-from holoview.bench.diagnose.speckle_search import FoundLight
+from holoview.bench.diagnose.speckle_search import FoundLight, with_or_without_unmodulated
 from holoview.bench.diagnose.worker_pool import WorkerPool
 from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import (
@@ -97,6 +97,9 @@ _SPECKLE_SHARE = 0.6
 _USUAL_SHARE = 0.5
 """[1] Of the time, which the search by derivatives may take where light may be sought by speckle behind it. Evidence: a
 reason: the other half is then sought and judged in."""
+_DECIDING_SHARE = 0.1
+"""[1] Of the nominal excess χ²/n that light found by speckle leaves at most where brightness decides on unmodulated
+light. Evidence: drawn benches: it was right where 7 % were left and less; what leaves a third lacks other things."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
@@ -407,12 +410,20 @@ def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request
 
 def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
     """The causes that stand for the light that was found by speckle, judged by least squares."""
-    fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in light.alternatives())
-    initial = InitialCandidates(fits, light.after > NEAR_CORRELATION, over_field_only=True, has_fine=True)
-    search = partial(search_once, prepared.whole, progress=progress, initial=initial)
-    outcome = judge_captures(
-        prepared.whole, search(prepared.whole.left_out), search, prepared.useless, prepared.count, progress
-    )
+    whole, are_searched = prepared.whole, light.after > NEAR_CORRELATION
+
+    def search_from(*starts: FittedValues) -> Callable[[Collection[int]], SearchOutcome]:
+        fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in starts)
+        initial = InitialCandidates(fits, are_searched, over_field_only=True, has_fine=True)
+        return partial(search_once, whole, progress=progress, initial=initial)
+
+    search = search_from(light.values)
+    found = search(whole.left_out)
+    best, nominal = found.result.best, found.result.nominal
+    if not found.was_ended and best.excess < _DECIDING_SHARE * nominal.excess:
+        search = search_from(best.fit.values, with_or_without_unmodulated(best.fit.values))
+        found = search(whole.left_out)
+    outcome = judge_captures(whole, found, search, prepared.useless, prepared.count, progress)
     outcome = replace(outcome, notes=[*outcome.notes, describe_light(light)])
     if outcome.decision.verdict is not Verdict.PARTLY or outcome.decision.best is None:
         return outcome

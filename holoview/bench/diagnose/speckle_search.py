@@ -149,15 +149,6 @@ class FoundLight:
     after: float
     losses: dict[str, tuple[float, float]]
 
-    def alternatives(self) -> list[dict[str, dict[str, float]]]:
-        """The values, and those in which unmodulated light is there if it wasn't found and isn't if it was. Most of it
-        goes into the zero order, where no speckle tells it, and a stroke imitates the rest: brightness has to decide.
-        """
-        others = {name: own for name, own in self.values.items() if name != "undiffracted"}
-        if others == self.values:
-            others["undiffracted"] = {"share": 0.0, "quadrature": 0.0}
-        return [self.values, others]
-
 
 @dataclass(frozen=True)
 class Standing:
@@ -324,6 +315,15 @@ def _rebased(point: Point, before: Circle, after: Circle) -> Point:
     wanted = terms(before)[:, 1:] @ torch.tensor([point[f"z{noll}"] for noll in _TERMS], dtype=torch.float64)
     solved = torch.linalg.lstsq(terms(after), wanted[:, None]).solution[1:, 0]
     return point | {f"z{noll}": float(value) for noll, value in zip(_TERMS, solved, strict=True)}
+
+
+def with_or_without_unmodulated(values: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    """Values of effects, {id: {parameter: value}}, with unmodulated light if it isn't there and without it if it is.
+
+    Most of it goes into the zero order, where no speckle tells it, and a stroke imitates the rest: brightness decides.
+    """
+    others = {name: own for name, own in values.items() if name != "undiffracted"}
+    return others if len(others) < len(values) else {**others, "undiffracted": {"share": 0.0, "quadrature": 0.0}}
 
 
 # --- the search -------------------------------------------------------------------------------------------------------
