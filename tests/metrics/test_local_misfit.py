@@ -67,7 +67,7 @@ def test_beside_a_target_without_an_object_that_is_shown_the_contrast_is_withhel
         right, wrong = (luminance_contrast(shown * speckle, WHOLE, _grey(of)) for of in (shown, scene))
         assert not right.withheld and right.misfit is None
         assert right.estimate.contrast == pytest.approx(speckle.std(), rel=0.02)
-        assert "depart from it further than speckle does" in wrong.withheld and wrong.misfit is not None
+        assert "depart from the target further than speckle does" in wrong.withheld and wrong.misfit is not None
         x, y, width, height = wrong.misfit.box
         assert f"{width} × {height} from ({x}, {y})" in wrong.withheld
         assert x < 89 and x + width > 71 and y < 73 and y + height > 55
@@ -76,3 +76,19 @@ def test_beside_a_target_without_an_object_that_is_shown_the_contrast_is_withhel
         part = luminance_contrast(shown * speckle, (30, 40, SIDE - 40, SIDE - 50), _grey(scene))
         if part.misfit is not None:
             assert f"from ({30 + part.misfit.box[0]}, {40 + part.misfit.box[1]})" in part.withheld
+
+
+def test_a_part_that_raises_the_contrast_by_a_tenth_to_a_fifth_is_said_beside_it() -> None:
+    """An object of 2 % that is twice as bright raises C of 0.25 to √(0.25² + 0.02) = 0.29: 1.15 times on average."""
+    said = []
+    for seed in range(8):
+        scene = ndimage.gaussian_filter(_scene(seed), 1.0)
+        shown = scene.copy()
+        shown[55:73, 71:89] *= 2.0
+        found = luminance_contrast(shown * _speckle(400 + seed, patterns=16), WHOLE, _grey(scene))
+        if found.withheld or found.misfit is None:
+            continue
+        above = found.estimate.contrast / found.misfit.contrast
+        assert above < 1.2 and bool(found.doubt) == (above > 1.1)
+        said.append(found.doubt)
+    assert any("depart from the target further than speckle does; without them" in doubt for doubt in said)

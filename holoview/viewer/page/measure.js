@@ -457,18 +457,20 @@ function normalScores(values, usable) {
     return values.map((value, k) => (usable[k] ? scores.get(value) : 0))
 }
 
-// Why a contrast isn't to be stated beside a target that a part of a region departs from; "" where it is.
-function whyInPart(misfit, contrast, region) {
-    if (!misfit || contrast <= Math.max(1.1 * misfit.contrast, Math.hypot(misfit.contrast, 0.1))) return ""
-    const { x, y, width, height, share } = misfit
-    return `the target isn't what is shown here: ${(100 * share).toFixed(0)} % of the samples, within ${width} × ${height} from (${region.x + x}, ${region.y + y}), ` +
-        `depart from it further than speckle does; without them the contrast is ${misfit.contrast.toFixed(3)}, as it is ${contrast.toFixed(3)}`
+// Whether a contrast is so many times above that of the rest, where a part of a region departs from its target.
+function isRaised(misfit, contrast, times) {
+    return Boolean(misfit) && contrast > Math.max(times * misfit.contrast, Math.hypot(misfit.contrast, 0.1))
+}
+
+function partInWords({ x, y, width, height, share, contrast }, region) {
+    return `${(100 * share).toFixed(0)} % of the samples, within ${width} × ${height} from (${region.x + x}, ${region.y + y}), ` +
+        `depart from the target further than speckle does; without them the contrast is ${contrast.toFixed(3)}`
 }
 
 // Contrast σ/μ of the luminance in a region, the structure of a target divided out where one is given and shown
 // (`structureFree`), with a histogram of what counts over its mean in 32 bins of 1/8, the last of which takes all that is
 // brighter. mean, raw_contrast: of the luminance as it is. withheld: why contrast is null, as the target isn't shown.
-// doubt: that another target fits better than the one whose structure is divided out.
+// doubt: why a contrast beside a target that is stated may be wrong.
 // blur_px: of the target in the picture. target: of `targetOf`. others: [what, target] of other planes.
 // areMistakable: whether one of these may be the given plane's; else it is only said that one fits better.
 function speckle(xyz, width, region, target = null, others = [], areMistakable = true) {
@@ -484,8 +486,13 @@ function speckle(xyz, width, region, target = null, others = [], areMistakable =
         const better = betterTarget(plain, target, shown, region, blocks, others, areMistakable)
         const divisor = moments(shown.wanted), hasStructure = (divisor.std / divisor.mean) ** 2 >= 0.1 * (own.std / own.mean) ** 2
         withheld = whyAnother(better, alike, reason)
-        if (!withheld && hasStructure) withheld = whyInPart(localMisfit(free, region), own.std / own.mean, region)
-        if (better && !withheld) doubt = `another target fits better: ${textOf(better)}`
+        const misfit = !withheld && hasStructure ? localMisfit(free, region) : null, dividedContrast = own.std / own.mean
+        if (isRaised(misfit, dividedContrast, 1.2)) {
+            withheld = `the target isn't what is shown here: ${partInWords(misfit, region)}, as it is ${dividedContrast.toFixed(3)}`
+        }
+        const doubts = better ? [`another target fits better: ${textOf(better)}`] : []
+        if (isRaised(misfit, dividedContrast, 1.1)) doubts.push(partInWords(misfit, region))
+        if (!withheld) doubt = doubts.join("; ")
         if (!withheld) [values, mean, std, divided] = [counted, own.mean, own.std, true]
     }
     const histogram = new Array(32).fill(0)
