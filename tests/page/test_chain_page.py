@@ -50,7 +50,7 @@ def bench(*elements: dict[str, Any], **changes: Any) -> System:
 
 
 def every_kind(rng: np.random.Generator, mask: Path) -> System:
-    """Eight elements and two spaces, of every kind, drawn; the mask has paths and amplitudes."""
+    """Nine elements, the last two side by side, and two spaces, of every kind; the mask has paths and amplitudes."""
     values = np.stack([rng.uniform(-1e-6, 1e-6, (60, 48)), rng.uniform(0.3, 1, (60, 48))])
     np.save(mask, values)
     return bench(
@@ -63,7 +63,8 @@ def every_kind(rng: np.random.Generator, mask: Path) -> System:
         pixels("amplitude", pitch=24 * UM, shape=(8, 8), offset=[0.0, 24 * UM], name="coarse"),
         {"kind": "fourier", "focal_length": rng.uniform(2.33, 2.44) * MM},
         pixels("amplitude", levels=2, name="binary", shared=True),
-        {"kind": "mask", "pitch": 8 * UM, "shape": (30, 24), "pattern": "grating", "period": 64 * UM},
+        {"kind": "mask", "pitch": 8 * UM, "shape": (30, 24), "pattern": "grating", "period": 64 * UM, "name": "grid"},
+        pixels("phase", stroke=700 * NM, beside="grid"),
         {"kind": "space", "square": "first order of binary"},
     )
 

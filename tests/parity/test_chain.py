@@ -39,6 +39,7 @@ CHAINS: dict[str, list[dict[str, Any]]] = {
         _pixels("amplitude", beside="one", offset=[8 * UM, 0.0]),
         _MASK | {"beside": "one", "seed": 2},
     ],
+    "a modulator beside a mask": [_MASK | {"name": "still"}, _pixels("phase", stroke=800 * NM, beside="still")],
     "binary": [_pixels("amplitude", levels=2)],
     "lens and fourier": [
         _pixels("phase", stroke=800 * NM),

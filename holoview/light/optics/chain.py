@@ -64,11 +64,10 @@ class ChainTransmissions:
 
     def shown_first(self, frame: int, number: int) -> int:
         """The first frame of `plan.system` with the transmission of a step of the way: of a static one the first."""
-        element = self._plan.way.transmissions[number].element
-        if not (isinstance(element, Pixels) and element.is_driven):
-            return 0
-        is_shared = len(self._drive(element)) == 1 and not self._plan.nominal.effects
-        return 0 if is_shared else frame
+        of = self._plan.way.transmissions[number]
+        driven = [e for e in (of.element, *of.beside) if isinstance(e, Pixels) and e.is_driven]
+        are_shared = all(len(self._drive(e)) == 1 for e in driven) and not self._plan.nominal.effects
+        return 0 if are_shared or not driven else frame
 
     def sampled_transmission(self, frame: int, number: int, wavelength: int) -> Tensor:
         """The transmission (y, x) complex128 of the samples at a step of the way; the first lets in the source."""

@@ -61,8 +61,15 @@ function pixelsOf(element, array, frame, λ) {
     }
 }
 
-// The transmission of an element at the samples of the field, Float32Array (y, x, 2); no light passes beside its pixels.
+// The transmission of a step at the samples of the field, Float32Array (y, x, 2): of elements beside each other the mean.
 function transmission(bench, element, array, frame, λ) {
+    const [out, ...others] = [element, ...element.beside].map(each => ofElement(bench, each, array, frame, λ))
+    if (others.length) out.forEach((value, i) => { out[i] = others.reduce((sum, other) => sum + other[i], value) / (1 + others.length) })
+    return out
+}
+
+// The transmission of an element; no light passes beside its pixels.
+function ofElement(bench, element, array, frame, λ) {
     const { shape: [height, width], pitch_m } = bench.grid
     if (element.kind === "lens" || element.kind === "fourier") {
         const rate = pitch_m ** 2 / (λ * focalLength(element, λ))

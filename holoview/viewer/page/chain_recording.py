@@ -137,7 +137,8 @@ def has_pupils(system: System) -> bool:
 class ElementNumbers:
     """What a page computes the tables of a chain from.
 
-    numbers: of each step of the way that multiplies light, in the order of `Way.transmissions`; None with effects.
+    numbers: of each step of the way that multiplies light, in the order of `Way.transmissions`, `beside` those of the
+    elements to whose light its own adds; None with effects.
     arrays: patterns and masks, which the numbers name by their place here.
     """
 
@@ -152,10 +153,17 @@ class ElementNumbers:
         def refer(place: int | None) -> dict[str, Any] | None:
             return None if place is None else {"data": contents[place]}
 
-        return [
-            {k: refer(v) if k in _ARRAYS else list(map(refer, v)) if k == "patterns" else v for k, v in each.items()}
-            for each in self.numbers
-        ]
+        def named(key: str, value: Any) -> Any:
+            if key in _ARRAYS:
+                return refer(value)
+            if key == "patterns":
+                return [refer(place) for place in value]
+            return [of_element(each) for each in value] if key == "beside" else value
+
+        def of_element(each: dict[str, Any]) -> dict[str, Any]:
+            return {key: named(key, value) for key, value in each.items()}
+
+        return [of_element(each) for each in self.numbers]
 
 
 def element_numbers(plan: Plan, inputs: FrameInputs) -> ElementNumbers:
@@ -196,8 +204,10 @@ def element_numbers(plan: Plan, inputs: FrameInputs) -> ElementNumbers:
         patterns = [stored(transmissions.sent(element, f).cpu().numpy(), dtype) for f in frames]
         return known | {"stroke_m": getattr(element, "stroke_m", None), "patterns": patterns}
 
-    steps = enumerate(plan.way.transmissions)
-    found.numbers = [numbers_of(number, of.element, of.place) for number, of in steps]
+    found.numbers = [
+        numbers_of(number, of.element, of.place) | {"beside": [numbers_of(number, arm, "") for arm in of.beside]}
+        for number, of in enumerate(plan.way.transmissions)
+    ]
     return found
 
 

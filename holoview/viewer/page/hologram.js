@@ -133,7 +133,7 @@ class LiveHologram {
             bench.sines.forEach((of, source) => this.fill(`wave ${w} ${source}`, 0, λ, () => packStruct(structs.PlaneWave, planeWave(bench, of[w], λ).uniform)))
         }
         bench.elements?.forEach((element, number) => {
-            const shown = element.patterns?.length > 1 ? frame : 0
+            const shown = [element, ...element.beside].some(arm => arm.patterns?.length > 1) ? frame : 0
             const array = ref => (ref.data === null ? null : new Float32Array(this.replay.content(ref.data).slice().buffer))
             this.fill(`dense ${shown} ${number} ${w}`, 0, λ, () => transmission(bench, element, array, shown, λ))
         })
