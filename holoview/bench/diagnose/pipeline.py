@@ -411,6 +411,7 @@ def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request
 def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
     """The causes that stand for the light that was found by speckle, judged by least squares."""
     whole, are_searched = prepared.whole, light.after > NEAR_CORRELATION
+    torch.set_num_threads(whole.workers.workers)  # one fit after another, here, of large fields
 
     def search_from(*starts: FittedValues) -> Callable[[Collection[int]], SearchOutcome]:
         fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in starts)
