@@ -133,8 +133,8 @@ def diagnose(
     known: effects that the nominal model has, {id: {parameter: value}}; the values found add to them.
     uncertain: standard deviations of known effects that were measured, {id: {parameter: value}}; their errors are
     fitted first, within these. `Diagnosis.known` has the known effects as they were used.
-    workers: processes, and threads where one fit follows another; results depend on their number by rounding alone. With
-    more than one, a script needs the usual `if __name__ == "__main__":` of Python's multiprocessing.
+    workers: processes, and threads where one fit follows another; results depend on their number by rounding
+    alone. With more than one, a script needs the usual `if __name__ == "__main__":` of Python's multiprocessing.
     progress: called with (done, total, what).
     free_maps: look for the place of an error that no effect explains, if one remains.
     thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
