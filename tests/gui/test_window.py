@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -153,19 +152,16 @@ class Screen:
 
 def _picture_of(display: str) -> np.ndarray:
     """What is on a screen (y, x, 3)."""
-    for _ in range(5):
-        with suppress(OSError):  # a busy server refuses now and then
-            return np.asarray(ImageGrab.grab(xdisplay=display).convert("RGB"))
-        time.sleep(0.5)
-    raise AssertionError(f"no picture of {display}")
+    return np.asarray(ImageGrab.grab(xdisplay=display).convert("RGB"))
 
 
 @pytest.fixture
 def display() -> Iterator[str]:
-    """A virtual screen."""
+    """A virtual screen that stays as it is: without -noreset it starts anew, and refuses those who come meanwhile, each
+    time its last client leaves (measured: 45 of 849 when three come and go)."""
     read, write = os.pipe()
     server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24"],
+        ["Xvfb", "-noreset", "-displayfd", str(write), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24"],
         pass_fds=[write],
         stderr=subprocess.DEVNULL,
     )
