@@ -136,14 +136,21 @@ def test_pickled_objects_are_refused(tmp_path: Path) -> None:
         read_wavefield(tmp_path / "u.npy", GUESSED)
 
 
-def test_the_word_image_in_a_name_says_nothing_of_an_imaginary_part() -> None:
-    assert [name_role(name) for name in ("image01", "images", "u_imag", "imaginary", "im")] == [
-        "",
-        "",
-        "imaginary",
-        "imaginary",
-        "imaginary",
-    ]
+@pytest.mark.parametrize(
+    ("role", "names"),
+    [
+        ("real", "re u_re sampleComplexH_re holoReal realPart"),
+        ("imaginary", "im u_imag imaginary sampleComplexH_im"),
+        ("amplitude", "amp dice_ampli ampl fieldAmplitude example_amplitude"),
+        ("phase", "phase phase_only_hologram_example sample_phase doll_phi POH bilevel_phase"),
+        ("intensity", "intensity meanIntensity"),
+        ("bilevel", "Hbin bilevel"),
+        ("", "example sample resampling oversampled amplified camp image01 images imaging realistic realtime"),
+        ("", "phase_shift_2 phase-step4 phase_from_intensity amp_and_phase hologram"),
+    ],
+)
+def test_only_a_word_of_a_name_states_a_quantity(role: str, names: str) -> None:
+    assert {name: name_role(name) for name in names.split()} == dict.fromkeys(names.split(), role)
 
 
 def test_steps_and_orders_are_remembered_with_their_recording(tmp_path: Path) -> None:

@@ -16,10 +16,19 @@ from holoview.util.errors import UserError, suggest_matches
 from holoview.util.memory_limit import format_size
 
 _ROLES = (
-    ("real", re.compile(r"(?:^|[^a-z])(?:re|real)(?:[^a-z]|$)|real", re.IGNORECASE)),
-    ("imaginary", re.compile(r"(?:^|[^a-z])im(?:[^a-z]|$)|imag(?!es?(?:[^a-z]|$))", re.IGNORECASE)),
-    ("amplitude", re.compile(r"ampl|(?:^|[^a-z])(?:amp|abs|mag|modulus)(?:[^a-z]|$)|magnitude", re.IGNORECASE)),
-    ("phase", re.compile(r"phase|(?:^|[^a-z])(?:phs?|phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)", re.IGNORECASE)),
+    ("real", re.compile(r"(?:^|[^a-z])(?:re|real)(?:[^a-z]|$)|real(?![ilmnst])", re.IGNORECASE)),
+    ("imaginary", re.compile(r"(?:^|[^a-z])im(?:[^a-z]|$)|imag(?!es?(?:[^a-z]|$)|ing)", re.IGNORECASE)),
+    (
+        "amplitude",
+        re.compile(r"ampl(?!e|if|ing)|(?:^|[^a-z])(?:amp|abs|mag|modulus)(?:[^a-z]|$)|magnitude", re.IGNORECASE),
+    ),
+    (
+        "phase",
+        re.compile(
+            r"phase(?![ _-]?s(?:hift|tep))|(?:^|[^a-z])(?:phs?|phi|arg|angle|theta|poh|kinoform)(?:[^a-z]|$)",
+            re.IGNORECASE,
+        ),
+    ),
     ("intensity", re.compile(r"intens", re.IGNORECASE)),
     ("bilevel", re.compile(r"(?:^|[^a-z])hbin(?:[^a-z]|$)|bilevel", re.IGNORECASE)),
 )
@@ -80,8 +89,11 @@ class Candidate:
 
 
 def name_role(name: str) -> str:
-    """The quantity that a name states, "" for none: "dice_ampli" is an amplitude."""
-    return next((role for role, pattern in _ROLES if pattern.search(name)), "")
+    """The quantity that a name states, "" for none or several: "dice_ampli" is an amplitude, "sample" isn't."""
+    stated = [role for role, pattern in _ROLES if pattern.search(name)]
+    if len(stated) > 1 and stated[-1] == "bilevel":  # says how many levels the other has
+        stated.pop()
+    return stated[0] if len(stated) == 1 else ""
 
 
 def name_colour(name: str) -> str:
