@@ -100,6 +100,17 @@ def test_an_order_without_a_peak_is_centred_on_its_light() -> None:
     assert np.hypot(order.carrier[0] - 0.15, order.carrier[1] - 0.22) < 5 * 0.035 / math.sqrt(600)
 
 
+@pytest.mark.parametrize("carrier", [(0.02, 0.25), (-0.21, 0.19), (0.24, 0.0), (0.0, 0.31)], ids=str)
+def test_an_order_that_fills_its_half_of_the_spectrum_is_taken_whole(carrier: tuple[float, float]) -> None:
+    """A diffuse object that fills the camera's angles, as the dice of many demonstrations do."""
+    band = 0.17
+    order = find_order(_record(_object(6, 0.0, band) + REFERENCE * _wave(carrier), 9))
+    side = 1 if order.carrier[0] * carrier[0] + order.carrier[1] * carrier[1] > 0 else -1
+    # 7 000 speckles in a disc of r.m.s. radius 0.12; |O|² beside it has 1/200 of its light, over a disc twice as wide
+    assert math.dist(np.multiply(side, order.carrier), carrier) < 5 * 0.12 / math.sqrt(7000) + 0.12 / 200
+    assert 0.98 * band < order.radius < math.hypot(*carrier) - 0.03  # to the valley
+
+
 def test_an_order_is_found_beside_brighter_light_of_the_object_with_itself() -> None:
     """A bright diffuse object: |O|² is a halo, brighter near the middle than the order is."""
     wave = _object(7, unscattered=0.0, band=0.08)

@@ -32,9 +32,11 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 
 _CENTRAL = 0.04  # cycles a sample around the zero frequency, where no order is looked for
 _RISING = 1.6  # times the least value between the middle and an order; 2.07 where one touches the object's own halo
+_DEEP = 3.0  # times the least value: beyond it the order's light is its own as far as this valley
 _SHARP = 4.0  # times the mean of its order: a peak above is the unscattered wave
 _BEYOND_NOISE = 0.98  # of an order's light lies within its radius
 _PEAK_BINS = 3  # around a peak, which the fading of the picture's edges widens
+_MOST_STEPS = 40  # towards the middle of an order; 16 of one that fills three quarters of its half of the spectrum
 _SOFT = 0.1  # of the radius, over which the filter falls
 _FAINT = 0.1  # of a picture's variance: an order with less may be no order; public recordings have 0.06 to 0.49
 _MOST_JUDGED = 1024  # rows and columns of the middle by which steps of the reference are recognised
@@ -160,20 +162,18 @@ def find_order(picture: Floats) -> Order:
 
     The light around the middle, of the object wave with itself, falls towards every side. The order is where the
     blurred spectrum rises most above its least value on the way from the middle, with all light above the noise around
-    this place, within half its distance from the middle. If its brightest frequency stands out, this is the reference's
-    tilt, measured to a thousandth of a bin; else the centre of gravity is. Its radius holds 98 % of its light, and at
-    most half its distance from the middle (a third of which is free of |O|² whatever the object: Cuche, Marquet &
-    Depeursinge, Appl. Opt. 39, 4070 (2000)).
+    this place, as far as this valley, or half the way to the middle where that is farther. If its brightest frequency
+    stands out, this is the reference's tilt, measured to a thousandth of a bin; else the centre of gravity is. Its
+    radius holds 98 % of its light, and reaches at most as far (a third of the way to the middle is free of |O|²
+    whatever the object: Cuche, Marquet & Depeursinge, Appl. Opt. 39, 4070 (2000)).
 
     Raises UserError where no order stands out of the noise.
     """
     power = recording_spectrum(picture)
     fy, fx = (scipy.fft.fftshift(scipy.fft.fftfreq(n)) for n in picture.shape)
     blurred = scipy.ndimage.gaussian_filter(power, [max(1.0, n / 256) for n in power.shape], mode="wrap")
-    distance = np.hypot(fy[:, None], fx[None, :])
     noise = float(np.median(blurred))
-    searched = (distance > _CENTRAL) & ((fx[None, :] > 0) | ((fx[None, :] == 0) & (fy[:, None] > 0)))
-    where, rise = _rising_most(
+    where, rise, valley = _rising_most(
         scipy.ndimage.gaussian_filter(power, [max(1.0, n / 64) for n in power.shape], mode="wrap")
     )
     no_order = UserError(
@@ -184,22 +184,37 @@ def find_order(picture: Floats) -> Order:
     )
     if rise < _RISING or blurred[where] < 20 * noise or noise == 0 == blurred[where]:
         raise no_order
-    centre = float(fy[where[0]]), float(fx[where[1]])
     excess = np.maximum(power - 2 * noise, 0)
-    reach = math.hypot(*centre) / 2
-    for _ in range(4):  # the centre of gravity of the light around it
-        weight = np.where(_ways(fy, fx, centre) < reach, excess, 0)
-        rows, columns = weight.sum(axis=1), weight.sum(axis=0)
-        centre = float(rows @ fy / rows.sum()), float(columns @ fx / columns.sum())
-    order_power = np.where((_ways(fy, fx, centre) < reach) & searched, power, 0)
+    centre = _centre_of_light(excess, (float(fy[where[0]]), float(fx[where[1]])), math.inf)
+    if math.hypot(*centre) <= _CENTRAL:  # the light belongs to the middle, as that of a usual picture does
+        raise no_order
+    centre = _centre_of_light(excess, centre, valley)
+    is_of_order = _is_of_order(fy, fx, centre, valley) & (np.hypot(fy[:, None], fx[None, :]) > _CENTRAL)
+    order_power = np.where(is_of_order, power, 0)
     peak = np.unravel_index(np.argmax(order_power), power.shape)
     near = power[max(0, peak[0] - 1) : peak[0] + 2, max(0, peak[1] - 1) : peak[1] + 2].sum()
     is_sharp = bool(near > order_power.sum() / _SHARP)
     if is_sharp:
         centre = _refined_peak(picture, (float(fy[peak[0]]), float(fx[peak[1]])))
-    if math.hypot(*centre) <= _CENTRAL:  # the light belongs to the middle, as that of a usual picture does
+    if math.hypot(*centre) <= _CENTRAL:
         raise no_order
-    return Order(centre, _radius(power, noise, fy, fx, centre), "peak" if is_sharp else "gravity")
+    if centre[::-1] < (0.0, 0.0):  # across the rim of the spectrum, where the conjugate order begins
+        centre = -centre[0], -centre[1]
+    return Order(centre, _radius(power, noise, fy, fx, centre, valley), "peak" if is_sharp else "gravity")
+
+
+def _centre_of_light(light: Floats, centre: tuple[float, float], valley: float) -> tuple[float, float]:
+    """The centre of gravity of an order's light (y, x), from a place in it: the farther out, the more belongs to it."""
+    fy, fx = (scipy.fft.fftshift(scipy.fft.fftfreq(n)) for n in light.shape)
+    for _ in range(_MOST_STEPS):
+        weight = np.where(_is_of_order(fy, fx, centre, valley), light, 0)
+        whole = max(float(weight.sum()), 1e-300)
+        y = float(weight.sum(axis=1) @ _offsets(fy, centre[0])) / whole
+        x = float(weight.sum(axis=0) @ _offsets(fx, centre[1])) / whole
+        centre = float(_offsets(centre[0], -y)), float(_offsets(centre[1], -x))
+        if math.hypot(y, x) < 0.25 / max(light.shape):
+            break
+    return centre
 
 
 def off_axis_field(recording: Recording, orders: Sequence[Order] = ()) -> Demodulated:
@@ -257,9 +272,23 @@ def demodulate_picture(picture: Floats, order: Order) -> Complexes:
     return scipy.fft.ifft2(scipy.fft.fft2(moved) * disc)
 
 
-def _rising_most(blurred: Floats) -> tuple[tuple[int, int], float]:
-    """The index (y, x) where a spectrum rises most above its least value on the straight way from its middle, and the
-    ratio of the two values.
+def _reach(centre: tuple[float, float], valley: float) -> float:
+    """How far the light of an order can lie from its centre: to the valley before the light of the middle, if that is
+    known (else infinite), or half the way to the middle where that is farther."""
+    distance = math.hypot(*centre)
+    return max(distance / 2, distance - valley)
+
+
+def _is_of_order(fy: Floats, fx: Floats, centre: tuple[float, float], valley: float) -> NDArray[np.bool_]:
+    """The frequencies (y, x) within an order's reach that are nearer to it than to the conjugate order."""
+    ways = _ways(fy, fx, centre)
+    return (ways < _reach(centre, valley)) & (ways < _ways(fy, fx, (-centre[0], -centre[1])))
+
+
+def _rising_most(blurred: Floats) -> tuple[tuple[int, int], float, float]:
+    """The index (y, x) where a spectrum rises most above its least value on the straight way from its middle, the ratio
+    of the two values, and how far from the middle (cycles a sample) it has first fallen to twice the least; infinite
+    where it doesn't fall to less than a third of what it rises to, as beside the light of a bright object.
     """
     rows, columns = blurred.shape
     angles = np.linspace(-math.pi / 2, math.pi / 2, 2 * max(rows, columns))[1:]  # f_x > 0, and f_x = 0 < f_y
@@ -272,18 +301,25 @@ def _rising_most(blurred: Floats) -> tuple[tuple[int, int], float]:
     along = np.where(inside, blurred[y.clip(0, rows - 1), x.clip(0, columns - 1)], 0)
     least = np.minimum.accumulate(np.where(inside, along, np.inf), axis=1)
     best = np.unravel_index(np.argmax(np.where(inside, along - least, -1)), along.shape)
-    return (int(y[best]), int(x[best])), float(along[best] / max(float(least[best]), 1e-300))
+    way, lowest = along[best[0], : best[1] + 1], float(least[best])
+    rise = float(along[best]) / max(lowest, 1e-300)
+    valley = float(radii[np.argmax(way <= 2 * lowest)]) if rise > _DEEP else math.inf
+    return (int(y[best]), int(x[best])), rise, valley
+
+
+def _offsets(frequencies: Any, centre: float) -> Any:
+    """Frequencies as seen from another one, of a periodic spectrum: −0.5 … 0.5 cycles a sample."""
+    return (frequencies - centre + 0.5) % 1.0 - 0.5
 
 
 def _ways(fy: Floats, fx: Floats, centre: tuple[float, float]) -> Floats:
-    """Distance of each frequency from a centre, around which the spectrum is periodic."""
-    y, x = (np.abs((f - c + 0.5) % 1.0 - 0.5) for f, c in zip((fy, fx), centre, strict=True))
-    return np.hypot(y[:, None], x[None, :])
+    """Distance of each frequency from a centre."""
+    return np.hypot(_offsets(fy, centre[0])[:, None], _offsets(fx, centre[1])[None, :])
 
 
-def _radius(power: Floats, noise: float, fy: Floats, fx: Floats, centre: tuple[float, float]) -> float:
-    """The radius of the light around a carrier that stands above the noise."""
-    most = math.hypot(*centre) / 2
+def _radius(power: Floats, noise: float, fy: Floats, fx: Floats, centre: tuple[float, float], valley: float) -> float:
+    """The radius of the light around a carrier that stands above the noise, at most half way to its conjugate."""
+    most = min(_reach(centre, valley), math.hypot(*(_offsets(c, -c) for c in centre)) / 2)
     ways, bin_width = _ways(fy, fx, centre), 1 / max(len(fy), len(fx))
     rings = np.bincount((ways / bin_width).astype(int).ravel(), weights=(power - noise).ravel())
     rings = rings[: max(_PEAK_BINS + 1, int(most / bin_width))]
