@@ -326,6 +326,40 @@ def test_commas_that_may_mean_either_are_refused(row: str, said: str, tmp_path: 
     assert str(caught.value).startswith(str(file))
 
 
+@pytest.mark.parametrize("columns", [1, 2, 3])
+@pytest.mark.parametrize("as_rows", [False, True])
+def test_an_array_of_numpy_is_read_as_its_text_would_be(columns: int, as_rows: bool, tmp_path: Path) -> None:
+    levels, power = np.arange(16.0), np.sin(np.arange(16) / 5) ** 2
+    table = np.column_stack([[power], [levels, power], [levels, power, np.full(16, 1e-3)]][columns - 1])
+    text, array = tmp_path / "sweep.csv", tmp_path / "sweep.npy"
+    np.savetxt(text, table)
+    np.save(array, table.T if as_rows else table)
+    of_text, of_array = read_sweep(text), read_sweeps(array)[0].sweep
+    np.testing.assert_array_equal(of_array.levels, of_text.levels)
+    np.testing.assert_array_equal(of_array.power, of_text.power)
+    assert (of_array.deviation is None) == (of_text.deviation is None) and of_array.notes == of_text.notes
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (np.zeros((4, 4, 16)), r"shape \(4, 4, 16\)"),
+        (np.zeros((16, 4)), r"shape \(16, 4\)"),
+        (np.zeros(16, complex), "complex128"),
+        (np.r_[np.arange(15.0), np.nan], "row 15: isn't finite"),
+        (np.arange(5.0), "5 rows"),
+        (np.array([None] * 16), "pickled"),
+    ],
+    ids=["cube", "four columns", "complex", "not finite", "few", "objects"],
+)
+def test_an_array_that_is_no_sweep_is_refused(values: np.ndarray, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "sweep.npy"
+    np.save(file, values, allow_pickle=True)
+    with pytest.raises(UserError, match=said) as caught:
+        read_sweeps(file)
+    assert str(caught.value).startswith(str(file))
+
+
 # --- several sweeps in one table --------------------------------------------------------------------------------------
 
 

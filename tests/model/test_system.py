@@ -65,7 +65,7 @@ IMPOSSIBLE: list[tuple[dict[str, Any], tuple[str, ...]]] = [
     ({"modulators": [MODULATOR, MODULATOR | {"pitch": "9 um"}]}, ("modulators: ", "9 um", "equal shape and pitch")),
     ({"modulators": [MODULATOR, MODULATOR | {"shape": [6, 6]}]}, ("modulators: ", "(6, 6)", "equal shape and pitch")),
     (_modulators(pitch=MISSING), ("modulators[0].pitch: is missing",)),
-    (_modulators(pitch="0.05 um"), ("modulators[0].pitch: 0.05 um", "between 0.1 um and 1000 um")),
+    (_modulators(pitch="0.005 um"), ("modulators[0].pitch: 0.005 um", "between 0.01 um and 1000 um")),
     (_modulators(shape=[1, 8]), ("modulators[0].shape[0]: 1", "from 2 to 16384")),
     (_modulators(shape=[6]), ("modulators[0].shape: [6]", "[rows, columns]")),
     (_modulators(shape=[6, 8.5]), ("modulators[0].shape[1]: 8.5", "whole number")),

@@ -1,4 +1,4 @@
-"""Sweeps of a modulator's grey level, from text files, checked and with their noise.
+"""Sweeps of a modulator's grey level, from text files and arrays, checked and with their noise.
 
 read_sweep, parse_sweep        of a file, of a text
 read_sweeps, format_readings   of a table of several: periods, wavelengths, orders
@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
-from holoview.util.files import read_text
+from holoview.util.files import opened_file, read_text
 from holoview.util.number_text import find_layout, read_csv
+from holoview.util.plain_arrays import read_npy_header
 from holoview.util.units import format_rounded
 
 Floats = NDArray[np.float64]
@@ -37,6 +38,7 @@ _EXPECTED = (
     "two columns, grey level and power, separated by comma, semicolon or space; a third may hold standard errors"
 )
 MIN_ROWS = 12
+_MOST_NUMBERS = 3 << 16  # three columns of 16 bits' levels
 _SMALLEST = 1e-100  # power whose square is a number; its reciprocal the largest
 _MIN_SIGNAL = 8.0  # range of the power over its noise; of 256 readings of white noise alone the range is 6 (sd 0.5)
 _SHORTEST_PLATEAU, _STEEP = 4, 6.0  # equal readings; fall two beyond them, in steps of rounding
@@ -110,20 +112,44 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     The first line may hold headings, and lines that begin with # are comments. A single column holds powers, of levels
     that are counted from 0. Rows may have any order; where levels fall from row to row, the reference level is the
     highest one. Readings at the end that are all equal, after a jump, are left out: there the sweep was cut off.
+    A .npy file holds the same numbers: (n,) powers, or columns (n, 2 or 3), or these as rows.
 
     Raises UserError when the file is missing or a line isn't two or three finite numbers (it names the line), and when
     there are fewer than 12 levels, a level occurs twice, or the power changes by less than 8 times its noise.
     """
     file = Path(path)
     try:
+        if file.suffix.lower() == ".npy":
+            return _sweep_of_table(_read_array(file), file.name)
         return parse_sweep(read_text(file, f"a CSV file of {_EXPECTED}"), file.name)
     except UserError as error:
         raise error if str(error).startswith(str(file)) else error.inside(f"{file}: ") from error
 
 
+def _read_array(file: Path) -> Floats:
+    """The numbers of a .npy file as a table (row, column)."""
+    with opened_file(file, f"an array of {_EXPECTED}") as opened:
+        header = read_npy_header(opened, os.fstat(opened.fileno()).st_size, str(file))
+        if math.prod(header.shape) > _MOST_NUMBERS or header.dtype.kind == "c" or len(header.shape) not in (1, 2):
+            raise UserError("array", f"shape {header.shape} of {header.dtype}", expected=_EXPECTED)
+        values = header.array(opened.read(header.nbytes)).astype(np.float64)
+    table = values[:, None] if values.ndim == 1 else values.T if len(values) <= 3 else values
+    if not 1 <= table.shape[1] <= 3:
+        raise UserError("array", f"shape {header.shape}", expected=_EXPECTED)
+    if not np.isfinite(table).all():
+        row = int(np.argmax(~np.isfinite(table).all(axis=1)))
+        raise UserError(f"row {row}", "isn't finite", expected=_EXPECTED)
+    return table
+
+
 def parse_sweep(text: str, name: str = "sweep") -> Sweep:
     """`read_sweep` of a text."""
-    table, notes = parse_columns(text, 3, _EXPECTED, "sweep"), []
+    return _sweep_of_table(parse_columns(text, 3, _EXPECTED, "sweep"), name)
+
+
+def _sweep_of_table(table: Floats, name: str) -> Sweep:
+    """The sweep of a table (row, 1 to 3 columns)."""
+    notes: list[str] = []
     if len(table) < MIN_ROWS:
         raise UserError("sweep", f"{len(table)} rows", expected=f"at least {MIN_ROWS} grey levels")
     if table.shape[1] == 1:
@@ -147,6 +173,8 @@ _EXPECTED_TABLE = "the headings level and power beside period, wavelength_nm or 
 def read_sweeps(path: str | os.PathLike[str]) -> list[LabelledSweep]:
     """The sweeps of a file: of a table of several, or the one of `read_sweep`, whose errors it raises, too."""
     file = Path(path)
+    if file.suffix.lower() == ".npy":
+        return [LabelledSweep(read_sweep(file))]
     text = read_text(file, f"a CSV file of {_EXPECTED}")
     try:
         return parse_sweeps(text, file.name)

@@ -99,7 +99,7 @@ class Modulator(Description):
     (8e-06, [0.0, 0.5, 1.0])
     """
 
-    pitch_m: float = described_field(Number("um", low=0.1e-6, high=1e-3), "Distance between pixel centres.")
+    pitch_m: float = described_field(Number("um", low=0.01e-6, high=1e-3), "Distance between pixel centres.")
     shape: tuple[int, int] = described_field(Shape(), "Rows and columns of pixels.")
     stroke_m: float = described_field(_STROKE, "Optical path that full drive adds.", default=None)
     levels: Floats | None = described_field(LevelFractions(), "Stroke fractions that can be shown.", default=None)
