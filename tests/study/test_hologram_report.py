@@ -202,6 +202,25 @@ def test_a_claim_within_two_standard_errors_is_undecided(text: str, verdict: str
 
 
 @pytest.mark.parametrize(
+    ("text", "verdict"),
+    [
+        ("C < 0.5", "holds"),
+        ("C ≤ 0.5", "holds"),
+        ("C < 0.3", "undecided"),
+        ("C > 0.3", "undecided"),
+        ("C > 0.5", "undecided"),
+        ("N_eff > 5", "holds"),
+        ("N_eff >= 7", "undecided"),
+        ("N_eff < 7", "undecided"),
+        ("PSNR > 20", "doesn't hold"),
+    ],
+)
+def test_a_raw_value_is_a_bound_that_bears_out_a_claim_from_one_side(text: str, verdict: str) -> None:
+    values = {"C": (0.4, 0.01), "N_eff": (6.0, None), "PSNR": (15.0, None)}
+    assert judge_claim(parse_claim(text), values, is_raw=True).verdict == verdict
+
+
+@pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["one.safetensors", "-o", "r.txt"], ".html"),
@@ -233,12 +252,17 @@ def test_a_contrast_without_a_target_is_named_raw(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The structure of a picture counts in it; random patterns have none."""
-    claim = ("--claim", "C < 0.4", "-o", str(tmp_path / "raw.html"))
+    claim = ("--claim", "C < 4", "-o", str(tmp_path / "raw.html"))
     assert cli.main(["report", str(folder / "one.safetensors"), *claim]) == 0
     told = capsys.readouterr().out
     assert "one.safetensors: raw speckle contrast" in told
     assert "structure of a picture counts as speckle here" in told
     assert ", raw)" in (tmp_path / "raw.html").read_text(encoding="utf-8")
+    against = ("--claim", "C > 0.001", *claim[2:])
+    assert cli.main(["report", str(folder / "one.safetensors"), *against]) == 0
+    assert ", raw: needs a target)" in (tmp_path / "raw.html").read_text(encoding="utf-8")
+    assert json.loads((tmp_path / "raw.json").read_text())["holograms"][0]["claims"][0]["verdict"] == "undecided"
+    capsys.readouterr()
     assert cli.main(["report", "holochrome-8", "--set", "shape=[24,32]", *claim]) == 0
     assert "raw speckle" not in capsys.readouterr().out
     assert ", raw)" not in (tmp_path / "raw.html").read_text(encoding="utf-8")

@@ -71,7 +71,7 @@ class NumberClaim:
 class JudgedClaim:
     """A claim beside a measurement. value: None where it couldn't be measured. error: standard error, if one is known.
 
-    verdict: "holds", "doesn't hold", "undecided" within two standard errors, or "not measured".
+    verdict: "holds", "doesn't hold", "not measured", or "undecided": within two standard errors, or by a raw value.
     """
 
     claim: NumberClaim
@@ -95,12 +95,22 @@ def parse_claim(text: str) -> NumberClaim:
     return NumberClaim(text.strip(), match[1], match[2], limit / 100 if match[4] == "%" else limit)
 
 
-def judge_claim(claim: NumberClaim, values: Mapping[str, tuple[float, float | None]]) -> JudgedClaim:
-    """A claim beside measured values and their standard errors, by quantity."""
+def judge_claim(
+    claim: NumberClaim, values: Mapping[str, tuple[float, float | None]], is_raw: bool = False
+) -> JudgedClaim:
+    """A claim beside measured values and their standard errors, by quantity.
+
+    is_raw: whether the structure of a picture counts in the values of speckle. It adds to the contrasts and to the area
+    of the colours, and makes lasers more alike: such a value is a bound, which can bear out a claim from one side only.
+    Others are undecided.
+    """
     if claim.quantity not in values:
         return JudgedClaim(claim, None, None, "not measured")
     value, error = values[claim.quantity]
     if error is not None and abs(value - claim.limit) <= SIGMAS * error:
         return JudgedClaim(claim, value, error, "undecided")
     holds = _OPERATORS[claim.comparison](value, claim.limit)
+    is_bound_on_the_other_side = ("<" in claim.comparison or claim.comparison == "≤") == (claim.quantity == "N_eff")
+    if is_raw and claim.quantity in OF_SPECKLE and (not holds or is_bound_on_the_other_side):
+        return JudgedClaim(claim, value, error, "undecided")
     return JudgedClaim(claim, value, error, "holds" if holds else "doesn't hold")

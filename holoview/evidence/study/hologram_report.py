@@ -110,13 +110,23 @@ class ReviewedHologram:
             values["MTF50"] = (self.mtf.half, None)
         if self.eyebox is not None:
             values["uniformity"] = (self.eyebox.uniformity, None)
-        if self.light is not None and np.isfinite(self.light.total).all():
-            values["picture_light"] = (float(self.light.total[list(PLACES).index("picture")]), None)
+        if self.known_light is not None:
+            values["picture_light"] = (float(self.known_light.total[list(PLACES).index("picture")]), None)
         return values
 
-    def _light_json(self) -> dict[str, float] | None:
-        is_known = self.light is not None and np.isfinite(self.light.total).all()
-        return self.light.as_json() if self.light is not None and is_known else None
+    @property
+    def known_light(self) -> LightBudget | None:
+        """The light of the bench, where its shares are numbers: some light enters."""
+        return self.light if self.light is not None and np.isfinite(self.light.total).all() else None
+
+    @property
+    def is_raw(self) -> bool:
+        """Whether the structure of a picture counts in the speckle: it came from a file, and no target divides it."""
+        return bool(self.digest) and not self.measured.found.has_target
+
+    def judge(self, claims: Sequence[NumberClaim]) -> list[JudgedClaim]:
+        """The claims beside these values."""
+        return [judge_claim(claim, self.values, self.is_raw) for claim in claims]
 
     def as_json(self, claims: Sequence[NumberClaim]) -> dict[str, Any]:
         """For programs."""
@@ -142,11 +152,11 @@ class ReviewedHologram:
             "mtf_of_edge": list(self.edge),
             "observer": self.system.observer,
             "eyebox": eyebox,
-            "light_budget": self._light_json(),
+            "light_budget": None if self.known_light is None else self.known_light.as_json(),
             **({"light_behind_elements": dict(self.behind)} if self.behind else {}),
             "claims": [
                 {"claim": of.claim.text, "value": of.value, "standard_error": of.error, "verdict": of.verdict}
-                for of in (judge_claim(claim, self.values) for claim in claims)
+                for of in self.judge(claims)
             ],
         }
 
@@ -501,25 +511,26 @@ def _edge_words(row: Mapping[str, Any]) -> str:
 
 def _claim_rows(reviewed: Sequence[ReviewedHologram], claims: Sequence[NumberClaim]) -> list[dict[str, Any]]:
     """Each claim with its verdict on each hologram."""
+    judged = [one.judge(claims) for one in reviewed]
     return [
         {
             "text": claim.text,
             "quantity": QUANTITIES[claim.quantity],
-            "verdicts": [_verdict(judge_claim(claim, one.values), one) for one in reviewed],
+            "verdicts": [_verdict(of[place], one) for of, one in zip(judged, reviewed, strict=True)],
         }
-        for claim in claims
+        for place, claim in enumerate(claims)
     ]
 
 
 def _verdict(judged: JudgedClaim, one: ReviewedHologram) -> dict[str, str]:
     """A verdict in words, with its value, which is named raw where the structure of a picture counts in it."""
-    found = one.measured.found
+    is_of_speckle, found = judged.claim.quantity in OF_SPECKLE, one.measured.found
     kinds = {"holds": "good", "doesn't hold": "bad"}
     value = NEEDS.get(judged.claim.quantity, "") if judged.value is None else _value(judged.value, judged.error)
-    if judged.claim.quantity in OF_SPECKLE and judged.value is None and found.withheld:
+    if is_of_speckle and judged.value is None and found.withheld:
         value = "the contrast is withheld"
-    elif judged.claim.quantity in OF_SPECKLE and judged.value is not None and one.digest and not found.has_target:
-        value += ", raw"
+    elif is_of_speckle and judged.value is not None and one.is_raw:
+        value += ", raw" if judged.verdict == "holds" else ", raw: needs a target"
     return {"value": value, "verdict": judged.verdict, "kind": kinds.get(judged.verdict, "open")}
 
 
