@@ -68,8 +68,9 @@ class RegionMetrics:
 
     @property
     def text(self) -> str:
-        """The contrast with its standard error, or that it is withheld."""
-        return "withheld" if self.contrast is None else f"{self.contrast:.3f} ± {self.standard_error:.3f}"
+        """The contrast with its standard error, raw where no target divides it, or that it is withheld."""
+        raw = ", raw" if self.psnr_db is None else ""
+        return "withheld" if self.contrast is None else f"{self.contrast:.3f} ± {self.standard_error:.3f}{raw}"
 
 
 def measure_region(

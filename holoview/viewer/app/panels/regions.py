@@ -18,7 +18,7 @@ _ENTER = imgui.InputTextFlags_.enter_returns_true
 _COLUMNS = {
     "region": "Its name: type another; Enter takes it over, Escape drops it.",
     "x, y, w, h": "Left, top, width and height in samples of the image; Enter takes them over, Escape drops them.",
-    "contrast": "Speckle contrast with its standard error; with a target, without the picture's structure.",
+    "contrast": "Speckle contrast with its standard error, without the target's structure; raw without a target.",
     "raw": "The contrast with the picture's structure.",
     "mean": "Mean luminance; 1 is white.",
     "PSNR": "To the target in this region, linear sRGB clipped to 0…1, in dB.",

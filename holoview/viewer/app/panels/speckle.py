@@ -21,8 +21,8 @@ from holoview.viewer.render.view_settings import NOW
 
 _TIPS = {
     "Contrast": "Standard deviation over mean of the luminance. Fully developed speckle has 1; N independent patterns "
-    "together have 1/√N. With a target, the picture's own structure is divided out. ± is one standard error, from the "
-    "independent grains of the region.",
+    "together have 1/√N. With a target, the picture's own structure is divided out; without one it counts, and the "
+    "number is called raw. ± is one standard error, from the independent grains of the region.",
     "Cones": "Contrast of means over discs of 0.5 arcmin, the size of foveal cones: finer speckle isn't seen.",
     "Grains": "Width of a speckle grain, about the wavelength over the pupil, in minutes of arc.",
     "Mean": "Mean luminance of the region; 1 is the display's white.",
