@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,10 @@ from benchmarks.plain_light import Beam
 from benchmarks.real_benches import Drawn, draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.speckle_retrieval import beam_of_brightness
 from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
+from holoview.bench.diagnose.speckle_search import STEPS, SpeckleSearch
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.explored import explored
@@ -25,12 +29,14 @@ def _captures(drawn: Drawn, folder: Path) -> Captures:
     return read_captures(measure(drawn, folder, 3).with_suffix(".h5"))
 
 
-def _nominal(kind: str, lines: int) -> Drawn:
-    """Two pictures by 64 × 48 pixels of a bench without faults."""
+def _nominal(kind: str, lines: int, shape: tuple[int, int] = (48, 64)) -> Drawn:
+    """Two pictures by a few pixels of a bench without faults."""
     drawn = draw(5, "none", kind, 64)
     wavelength_m = drawn.wavelengths_m[0]
-    shape = (48, 64)
-    bench = replace(drawn.bench, shape=shape, camera=(72, 96))
+    bench = replace(drawn.bench, shape=shape, camera=(shape[0] * 3 // 2, shape[1] * 3 // 2))
+    if shape != (48, 64):  # nearer than light walks off by the width of a beam
+        bench = replace(bench, distance_m=2e-3, gap_m=None if bench.gap_m is None else 0.5e-3)
+        drawn = replace(drawn, stated=drawn.stated | {"distance": 2e-3} | ({"gap": 0.5e-3} if bench.gap_m else {}))
     return replace(drawn, bench=bench, pictures=2, wavelengths_m=(wavelength_m, wavelength_m + 60e-9)[:lines])
 
 
@@ -56,3 +62,40 @@ def test_a_near_field_without_faults_needs_no_such_search(tmp_path: Path) -> Non
     """The nominal bench predicts the pictures."""
     captures = _captures(_nominal("near", 1), tmp_path)
     assert window_for_light(captures, list(listed_effects())) is None
+
+
+@pytest.mark.parametrize("kind", ["near", "near-two"])
+def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) -> None:
+    """Whatever the stroke and the wavefront are, which move light by less than the cells of 16 pixels."""
+    radius_px, centre_px = 40.0, (5.0, -8.0)
+    drawn = _nominal(kind, 1, (96, 128))
+    beam = Beam(radius_px, 2.0, centre_px)
+    stroke_m = drawn.bench.stroke_m * STROKE
+    spoilt = replace(drawn.bench, beam=beam, wave=WAVE, wave_radius_px=radius_px, stroke_m=stroke_m)
+    search = SpeckleSearch(prepare_captures(_captures(replace(drawn, bench=spoilt), tmp_path)))
+    shape, explained = search.shape_of_brightness(dict.fromkeys(STEPS, 0.0) | {"stroke": 1.0})
+    assert explained > 0.5 and search.shows_a_beam()
+    found_px = np.array([math.exp(-shape["log_size"]), shape["centre_y"], shape["centre_x"]]) * 64
+    np.testing.assert_allclose(found_px, [radius_px, *centre_px], atol=0.15 * radius_px)
+
+
+@pytest.mark.parametrize("kind", ["near", "near-two"])
+def test_even_light_has_no_beam(kind: str, tmp_path: Path) -> None:
+    """Though nothing else is as assumed."""
+    drawn = _nominal(kind, 1, (96, 128))
+    bench = replace(drawn.bench, wave=WAVE, wave_radius_px=64.0, stroke_m=drawn.bench.stroke_m * STROKE)
+    captures = _captures(replace(drawn, bench=bench), tmp_path)
+    assert not SpeckleSearch(prepare_captures(captures)).shows_a_beam()
+
+
+def test_a_beam_is_found_exactly_where_brightness_shows_nothing_else() -> None:
+    y, x = np.linspace(-0.75, 0.75, 25), np.linspace(-1, 1, 33)
+    even = np.random.default_rng(0).uniform(0.5, 1.5, (2, 25, 33))
+    square = ((y[:, None] + 0.2) ** 2 + (x - 0.3) ** 2) / 0.45**2
+    measured = 3 * even * np.exp(-2 * square**1.7) + 0.2
+    measured[0, 3, 4] = np.nan
+    beam, explained = beam_of_brightness(measured, even, y, x)
+    np.testing.assert_allclose([beam.radius, beam.edge, *beam.centre], [0.45, 1.7, -0.2, 0.3], atol=2e-3)
+    assert explained > 0.9999
+    noise = np.random.default_rng(1).normal(0, 0.05, even.shape)
+    assert beam_of_brightness(even + noise, even, y, x)[1] < 0.1  # of 400 held cells a chance to gain 4/400

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import minimize, nnls
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from holoview.bench.captures.predictor import Predictor
@@ -227,13 +227,8 @@ def nearest_beam(light: Tensor, y: Tensor, x: Tensor, terms: tuple[int, ...]) ->
     rows, columns = y.double().numpy()[:, None], x.double().numpy()[None, :]
     power = float((amplitude**2).sum())
 
-    def beam(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-        radius, edge, centre_y, centre_x = numbers
-        square = ((rows - centre_y) ** 2 + (columns - centre_x) ** 2) / radius**2
-        return np.asarray(np.exp(-np.minimum((square + 1e-12) ** edge, 100.0)))
-
     def missing(numbers: NDArray[np.float64]) -> float:
-        shape = beam(numbers)
+        shape = _beam_amplitude(rows, columns, numbers)
         return -float((amplitude * shape).sum()) / max(float(np.sqrt(power * (shape**2).sum())), 1e-30)
 
     brightest = amplitude**4 / (amplitude**4).sum()
@@ -241,7 +236,7 @@ def nearest_beam(light: Tensor, y: Tensor, x: Tensor, terms: tuple[int, ...]) ->
     fits = [minimize(missing, (r, 2.0, *centre), method="L-BFGS-B", bounds=_BEAM_BOUNDS) for r in _BEAM_RADII]
     best = min(fits, key=lambda fit: float(fit.fun))
     radius, edge, centre_y, centre_x = (float(value) for value in best.x)
-    shape = torch.from_numpy(beam(best.x))
+    shape = torch.from_numpy(_beam_amplitude(rows, columns, best.x))
     down, across = torch.meshgrid((y.double() - centre_y) / radius, (x.double() - centre_x) / radius, indexing="ij")
     waves = torch.stack([zernike(noll, torch.hypot(down, across), torch.atan2(down, across)) for noll in terms])
     matrices, phases = [], []
@@ -256,3 +251,49 @@ def nearest_beam(light: Tensor, y: Tensor, x: Tensor, terms: tuple[int, ...]) ->
     solved = torch.linalg.lstsq(torch.cat(matrices), torch.cat(phases)[:, None]).solution[:, 0]
     found = {noll: float(value) for noll, value in zip(terms, solved, strict=True)}
     return NearestBeam(radius, edge, (centre_y, centre_x), found, -float(best.fun))
+
+
+def beam_of_brightness(
+    measured: NDArray[np.float64], even: NDArray[np.float64], y: NDArray[np.float64], x: NDArray[np.float64]
+) -> tuple[NearestBeam, float]:
+    """The beam that brings the brightness of a near field to its places, and how much it explains.
+
+    A near field is as bright as the light on the modulator's part before it, times what the pattern does to even light.
+    measured, even: mean brightness (picture, row, column) in cells, as measured and as predicted of even light; NaN
+    where it isn't known. y, x: of the cells' centres, in half sides of the modulator. A gain and stray light, the same
+    for all, are fitted beside the beam. The share is that of what even light leaves, of every fourth cell, by which the
+    beam wasn't fitted.
+    """
+    rows, columns = y[:, None], x[None, :]
+    known = np.isfinite(measured) & np.isfinite(even)
+    held = np.broadcast_to((np.arange(len(y))[:, None] + 2 * np.arange(len(x))[None, :]) % 4 == 0, known.shape)
+
+    def left(shape: NDArray[np.float64] | float) -> tuple[float, float]:
+        predicted = even * shape
+        fitted = known & ~held
+        model = np.stack([predicted[fitted], np.ones(int(fitted.sum()))], axis=1)
+        numbers, _ = nnls(model, measured[fitted])
+        rest = np.square(measured - numbers[0] * predicted - numbers[1])
+        return float(rest[fitted].sum()), float(rest[known & held].sum())
+
+    def missing(numbers: NDArray[np.float64]) -> float:
+        return left(_beam_amplitude(rows, columns, numbers) ** 2)[0]
+
+    scale = max(left(1.0)[0], 1e-30)
+    fits = [
+        minimize(lambda numbers: missing(numbers) / scale, (r, 1.5, 0.0, 0.0), method="L-BFGS-B", bounds=_BEAM_BOUNDS)
+        for r in _BEAM_RADII
+    ]
+    best = min(fits, key=lambda fit: float(fit.fun))
+    radius, edge, centre_y, centre_x = (float(value) for value in best.x)
+    explained = 1 - left(_beam_amplitude(rows, columns, best.x) ** 2)[1] / max(left(1.0)[1], 1e-30)
+    return NearestBeam(radius, edge, (centre_y, centre_x), {}, 1.0), explained
+
+
+def _beam_amplitude(
+    rows: NDArray[np.float64], columns: NDArray[np.float64], numbers: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """exp(−(r/radius)^(2·edge)) of a beam's radius, edge and centre (y, x)."""
+    radius, edge, centre_y, centre_x = numbers
+    square = ((rows - centre_y) ** 2 + (columns - centre_x) ** 2) / radius**2
+    return np.asarray(np.exp(-np.minimum((square + 1e-12) ** edge, 100.0)))

@@ -72,6 +72,7 @@ from holoview.bench.diagnose.speckle_evidence import (
     NEAR_CORRELATION,
     describe_light,
     light_by_speckle,
+    shows_a_beam,
     window_for_light,
 )
 from holoview.bench.diagnose.speckle_search import FoundLight, with_or_without_unmodulated
@@ -211,19 +212,28 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     ids = [effect.id for effect in request.candidates]
     window = None if request.known else window_for_light(records.captures, ids)
     of_light = partial(_search_light, records, has_time=has_time, tell=said.append)
-    if window is not None and captures.is_fourier:  # whose faults are large at once, where derivatives mislead
-        diagnosis = of_light(window)
-        if diagnosis is not None:
-            return replace(diagnosis, notes=(*diagnosis.notes, *(f"{text}." for text in said)))
-    later = None if captures.is_fourier else window  # of near fields single causes come first
-    usual = has_time.left(1.0 if later is None else _USUAL_SHARE)
-    diagnosis, notes = _search_causes(captures, records, usual)
-    is_far = diagnosis.verdict in _OPEN and diagnosis.after.chi2_per_pixel > FAR_CHI2
-    if later is not None and is_far and not request.is_asked:
-        judged = of_light(later)
-        if judged is not None and judged.causes and judged.after.chi2_per_pixel < diagnosis.after.chi2_per_pixel:
-            diagnosis, notes = judged, ()
+    is_first = window is not None and (captures.is_fourier or shows_a_beam(window))  # where single causes mislead
+    judged = None if window is None or not is_first else of_light(window)
+    notes: tuple[str, ...] = ()
+    is_enough = judged is not None and (captures.is_fourier or not _is_far(judged) or request.is_asked)
+    if judged is None or not is_enough:
+        usual = has_time.left(1.0 if window is None or is_first else _USUAL_SHARE)
+        diagnosis, notes = _search_causes(captures, records, usual)
+        if window is not None and not is_first and _is_far(diagnosis) and not request.is_asked:
+            judged = of_light(window)
+    if judged is not None and (is_enough or _is_better(judged, diagnosis)):
+        diagnosis, notes = judged, ()
     return replace(diagnosis, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
+
+
+def _is_far(diagnosis: Diagnosis) -> bool:
+    """Whether it leaves much unexplained."""
+    return diagnosis.verdict in _OPEN and diagnosis.after.chi2_per_pixel > FAR_CHI2
+
+
+def _is_better(judged: Diagnosis, usual: Diagnosis) -> bool:
+    """Whether a diagnosis by speckle explains more than one by derivatives."""
+    return bool(judged.causes) and judged.after.chi2_per_pixel < usual.after.chi2_per_pixel
 
 
 class _Clock:

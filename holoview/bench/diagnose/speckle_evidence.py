@@ -15,9 +15,9 @@ from holoview.util.progress import ProgressCallback
 
 _MOST_PICTURES = 4
 """[captures] Predicted together in a search by speckle; of more, derivatives find most causes. Evidence: the cost."""
-_MOST_NEAR_PX = 65_536
-"""[pixels] Of the modulators, in a near field, which can't be cut to a window. Evidence: measured: 64 × 48 pixels take
-3 to 8 s of a core, and larger ones in proportion."""
+_MOST_NEAR_PX = 400_000
+"""[pixels] Of the modulators, in a near field, which can't be cut to a window. Evidence: measured: one modulator of 384
+× 288 pixels and three pictures take 60 to 100 s of a core, and others in proportion."""
 FAR_CHI2 = 4.0
 """[χ²/n] Predictions that leave less are near enough for derivatives, whatever noise does to the grains. Evidence: none
 recorded."""
@@ -50,6 +50,11 @@ def window_for_light(captures: Captures, effects: Collection[str]) -> Captures |
     return None if is_near else window
 
 
+def shows_a_beam(window: Captures) -> bool:
+    """Whether the brightness of near fields shows a beam. Then several causes are large at once."""
+    return not window.is_fourier and SpeckleSearch(prepare_captures(window)).shows_a_beam()
+
+
 def light_by_speckle(window: Captures, progress: ProgressCallback) -> FoundLight | None:
     """The light that makes the speckle of a window stand; None where none does."""
     found = find_light(prepare_captures(window), prepare_captures(window_of(window, _PART_PX)), progress)
@@ -59,11 +64,14 @@ def light_by_speckle(window: Captures, progress: ProgressCallback) -> FoundLight
 def describe_light(light: FoundLight) -> str:
     """In words, how well the speckle stands with the light that was found, and what it loses without each part."""
     parts = ", ".join(f"{part} {lost:.3f} ({sigmas:.1f} σ)" for part, (lost, sigmas) in light.losses.items())
-    return (
+    told = (
         "The light on the modulator was sought by speckle in the brightest window, which was judged. On held-out "
         f"pixels the correlation of local contrasts went from {light.before:.2f} to {light.after:.2f}. Without each "
         f"part it is lower by: {parts}."
     )
+    if light.explained is None:
+        return told
+    return f"{told} A beam explains {max(light.explained, 0.0):.0%} of the brightness that even light leaves."
 
 
 def _nominal_chi2(data: PreparedCaptures) -> float:

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -23,11 +24,12 @@ from numpy.typing import NDArray
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import PreparedCaptures
 from holoview.bench.captures.speckle_measure import SpeckleMeasure
-from holoview.bench.captures.speckle_retrieval import LightRetrieval, NearestBeam
+from holoview.bench.captures.speckle_retrieval import LightRetrieval, NearestBeam, beam_of_brightness
 from holoview.light.effects.beam import WAVEFRONT_TERMS
 from holoview.light.model.effects.effect import Effect, Parameter, Values
 from holoview.light.model.effects.hook_contexts import ModulatorContext
 from holoview.light.model.effects.registry import get_effect
+from holoview.light.numerics.sampling import positions
 from holoview.light.numerics.speckle_match import match_speckle
 from holoview.light.numerics.surfaces import zernike
 from holoview.util.progress import ProgressCallback
@@ -36,7 +38,7 @@ Tensor = torch.Tensor
 Point = dict[str, float]
 
 _TERMS = tuple(range(2, 12))  # Noll: tilts, defocus, astigmatism, coma, trefoil, spherical
-_STEPS: dict[str, float] = {
+STEPS: dict[str, float] = {
     "log_size": 0.04,
     "edge": 0.15,
     "centre_y": 0.03,
@@ -50,6 +52,7 @@ _STEPS: dict[str, float] = {
 """Adam's unit of each number: ln size, exponent, places in half sides, shares, stray over mean light, radians r.m.s. of
 wavefront."""
 _BOUNDS = {"log_size": (-1.5, 2.5), "edge": (0.8, 6.0), "stroke": (0.15, 2.2), "stray": (0.0, 1.0)}
+_SHAPE = ("log_size", "edge", "centre_y", "centre_x")
 _EVEN = {"log_size": _BOUNDS["log_size"][0], "edge": 2.0, "centre_y": 0.0, "centre_x": 0.0}
 """Light that falls by 0.3 % of its amplitude from the middle to the corners: even."""
 PARTS: dict[str, dict[str, float]] = {
@@ -83,6 +86,16 @@ LEAST_SIGMAS = 5.0
 1.7 σ and less of parts that weren't there."""
 
 
+_CELL_PX = 16  # at least, of cells of a near field whose brightness tells the beam
+_MOST_CELLS = 48  # along the shorter side
+_LEAST_WALK_OFFS = 2.0
+"""[1] Radii of beams over the way that the first order's edge walks off, below which brightness doesn't tell the beam.
+Evidence: a reason: such a beam's brightness is spread by as much as it is wide."""
+_LEAST_EXPLAINED = 0.2
+"""[1] Of what even light leaves of the brightness in held-out cells, below which there is no beam. Evidence: drawn
+benches: beams of 0.3 to 1 of the modulator explained 0.70 and more."""
+
+
 @dataclass(frozen=True)
 class Circle:
     """A circle on the modulator over which terms of a wavefront are stated, in half sides of the longer side."""
@@ -93,6 +106,7 @@ class Circle:
 
 
 _MIDDLE = Circle(0.5)
+NO_SHAPE: Mapping[str, float] = MappingProxyType({})
 
 
 class FreeLight(Effect):
@@ -141,13 +155,15 @@ class FoundLight:
 
     values: of the effects, {id: {parameter: value}}. before, after: correlation of the held-out speckle at the nominal
     bench and with the values. losses: of each part of the light, by how much this correlation is lower without it, and
-    by how many standard deviations; parts that aren't in `values` too.
+    by how many standard deviations; parts that aren't in `values` too. explained: what a near field's beam explains of
+    the brightness that even light leaves; None of a Fourier bench, where speckle tells the beam.
     """
 
     values: dict[str, dict[str, float]]
     before: float
     after: float
     losses: dict[str, tuple[float, float]]
+    explained: float | None = None
 
 
 @dataclass(frozen=True)
@@ -168,11 +184,13 @@ class Standing:
 class SpeckleSearch:
     """Ascents of the correlation of local contrasts of pictures.
 
-    data: the pictures, few enough to be predicted together. circle: that of the wavefront's terms.
+    data: the pictures, few enough to be predicted together. circle: that of the wavefront's terms. shape: numbers of a
+    beam that stay.
     """
 
-    def __init__(self, data: PreparedCaptures, circle: Circle = _MIDDLE) -> None:
+    def __init__(self, data: PreparedCaptures, circle: Circle = _MIDDLE, shape: Mapping[str, float] = NO_SHAPE) -> None:
         captures = data.captures
+        self.shape = shape
         self._data, self._light = data, FreeLight(circle, float(captures.wavelength_m[0]))
         self._predict = Predictor(captures, [self._light], cache_mb=1)
         self._indices, self._calls = np.arange(len(captures)), 0
@@ -180,11 +198,12 @@ class SpeckleSearch:
 
     def near(self, beam: NearestBeam, stroke: float) -> Point:
         """The point of a beam with a wavefront."""
-        point = dict.fromkeys(_STEPS, 0.0) | {"stroke": stroke}
+        point = dict.fromkeys(STEPS, 0.0) | {"stroke": stroke}
         point |= {"log_size": -math.log(beam.radius), "edge": beam.edge}
         point |= {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}
         point |= {f"z{noll}": radians for noll, radians in beam.terms.items()}
-        return _rebased(point, Circle(beam.radius, *beam.centre), self._light.circle) if beam.terms else point
+        point = _rebased(point, Circle(beam.radius, *beam.centre), self._light.circle) if beam.terms else point
+        return point | dict(self.shape)
 
     def score(self, point: Point) -> float:
         """Correlation of the speckle on the fitted pixels."""
@@ -219,14 +238,15 @@ class SpeckleSearch:
 
     def ascend(self, point: Point, steps: int, rate: float = 1.0, fixed: Collection[str] = ()) -> tuple[float, Point]:
         """The best point of an ascent by Adam, with its score. fixed: numbers that stay."""
-        moves = {name: torch.zeros((), requires_grad=True) for name in _STEPS if name not in fixed}
+        fixed = {*fixed, *self.shape}
+        moves = {name: torch.zeros((), requires_grad=True) for name in STEPS if name not in fixed}
         adam = torch.optim.Adam(moves.values(), lr=rate, betas=(0.8, 0.95))
         best = (-1.0, point)
         for number in range(steps):
             for group in adam.param_groups:
                 group["lr"] = rate * (1 - 0.85 * number / steps)
             values = {
-                name: _bounded(name, value + _STEPS[name] * moves[name]) if name in moves else torch.tensor(value)
+                name: _bounded(name, value + STEPS[name] * moves[name]) if name in moves else torch.tensor(value)
                 for name, value in point.items()
             }
             score = self._measure.correlation(self._predicted(values), self._measure.fitted)
@@ -236,6 +256,30 @@ class SpeckleSearch:
             (-score).backward()  # type: ignore[no-untyped-call]
             adam.step()
         return best
+
+    def shape_of_brightness(self, point: Point) -> tuple[Mapping[str, float], float]:
+        """The beam that brings a near field's brightness to its places, beside a point's other numbers, and the share
+        of the brightness that it explains: even light, and 0, where that is too little; none, and 0, where light walks
+        off so far that brightness doesn't tell the beam."""
+        captures, usable = self._data.captures, self._data.usable
+        with torch.no_grad():
+            even = self._predicted(point | _EVEN | {"stray": 0.0}).numpy()
+        side = max(_CELL_PX, min(captures.shape) // _MOST_CELLS)
+        y, x = (_cell_means(positions(n, captures.camera.pitch_m), side) / self._half_m() for n in captures.shape)
+        measured, predicted = (_of_cells(light, usable, side) for light in (self._data.light, even))
+        beam, explained = beam_of_brightness(measured, predicted, y, x)
+        farthest_m = float(np.abs(captures.distance_m).max()) + (captures.gap_m or 0.0)
+        walk_off = farthest_m * float(captures.wavelength_m.max()) / (2 * captures.slms[0].pitch_m) / self._half_m()
+        if min(beam.radius, 1.0) < _LEAST_WALK_OFFS * walk_off:
+            return NO_SHAPE, 0.0
+        if explained < _LEAST_EXPLAINED:
+            return _EVEN, 0.0
+        found = {"log_size": -math.log(beam.radius), "edge": beam.edge}
+        return found | {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}, explained
+
+    def shows_a_beam(self) -> bool:
+        """Whether a near field's brightness shows a beam at the nominal bench."""
+        return self.shape_of_brightness(_nominal_point())[1] > 0
 
     def effect_values(self, point: Point, dropped: Collection[str]) -> dict[str, dict[str, float]]:
         """The values of effects that make the light of a point. dropped: parts that it doesn't have."""
@@ -295,6 +339,25 @@ class SpeckleSearch:
         return light + stray * light.mean()
 
 
+def _cell_means(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """Means of every `side` numbers; the last ones are left out."""
+    return values[: len(values) // side * side].reshape(-1, side).mean(axis=1)
+
+
+def _of_cells(light: NDArray[np.float32], usable: NDArray[np.bool_], side: int) -> NDArray[np.float64]:
+    """Mean light (picture, row, column) of square cells; NaN where fewer than a quarter of the pixels are usable."""
+    rows, columns = (n // side for n in light.shape[1:])
+
+    def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        cut = values[:, : rows * side, : columns * side]
+        return np.asarray(cut.reshape(len(values), rows, side, columns, side).sum(axis=(2, 4)))
+
+    counts = sums(usable.astype(np.float64))
+    return np.where(
+        counts > side * side / 4, sums((light * usable).astype(np.float64)) / np.maximum(counts, 1.0), np.nan
+    )
+
+
 def _bounded(name: str, value: Tensor) -> Tensor:
     low, high = _BOUNDS.get(name, (-math.inf, math.inf))
     return value.clamp(low, high)
@@ -336,13 +399,16 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
     judged.
     """
     told, steps = "light on the modulator, by speckle", _STAGES + len(PARTS)
-    before = SpeckleSearch(data).held_out(None)
-    first = _from_retrieved(part, lambda number: progress(number, steps, told))
+    nominal = SpeckleSearch(data)
+    before, shape, explained = nominal.held_out(None), NO_SHAPE, None
+    if not data.captures.is_fourier:
+        shape, explained = nominal.shape_of_brightness(_nominal_point())
+    first = _from_retrieved(part, shape, lambda number: progress(number, steps, told))
     if first.score <= _CLEAR:
         progress(_SCANS + _LEADERS, steps, told)
-        first = max(first, _from_simple_beams(part), key=lambda one: one.score)
+        first = max(first, _from_simple_beams(part, shape), key=lambda one: one.score)
     score, point, circle, factor = first.score, first.point, first.circle, first.factor
-    search = SpeckleSearch(_magnified(part, factor), circle)
+    search = SpeckleSearch(_magnified(part, factor), circle, shape)
     rng = np.random.default_rng(seed)
     for number in range(_KICKS):
         progress(_SCANS + _LEADERS + 1 + number, steps, told)
@@ -352,21 +418,26 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
             score = search.score(point)
         if score > _CLEAR:
             continue
-        other = search.ascend(search.moved_to_peak(_kicked(point, number, rng))[1], 14)
+        other = search.ascend(search.moved_to_peak(_kicked(point, number, rng) | dict(shape))[1], 14)
         if other[0] > score + _LEAST_STEP:
             score, point = other
-    search = SpeckleSearch(_magnified(data, factor), circle)
+    search = SpeckleSearch(_magnified(data, factor), circle, shape)
     score = search.score(point)
     for _ in range(3):
         polished = search.ascend(point, 20, rate=0.5)
         gained, (score, point) = polished[0] - score, max(polished, (score, point), key=lambda one: one[0])
         if gained < 2 * _LEAST_STEP:
             break
+    if shape:
+        search.shape, explained = search.shape_of_brightness(point)
+        point = search.ascend(point | dict(search.shape), 12, rate=0.5)[1]
     point, losses = without_superfluous(search, point, lambda number: progress(_STAGES + number, steps, told))
     dropped = [part for part, loss in losses.items() if not _is_needed(loss)]
+    if search.shape == _EVEN:
+        dropped.append("shape")
     values = search.effect_values(point, dropped)
     values["camera_alignment"]["magnification"] = factor - 1
-    return FoundLight(values, before, search.held_out(point), losses)
+    return FoundLight(values, before, search.held_out(point), losses, explained)
 
 
 @dataclass(frozen=True)
@@ -379,9 +450,10 @@ class _Leader:
     factor: float
 
 
-def _from_retrieved(part: PreparedCaptures, progress: Callable[[int], None]) -> _Leader:
+def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
     """The best of the beams that resemble retrieved lights, after an ascent. The focal length is that at which the
-    speckle of retrieved light stands best; the strokes are those with which it stands best there."""
+    speckle of retrieved light stands best; the strokes are those with which it stands best there. shape: of a beam that
+    is known."""
     retrieval, factor, starts = LightRetrieval(part), 1.0, []
     for number, stroke in enumerate(_STROKES):
         progress(number)
@@ -400,21 +472,21 @@ def _from_retrieved(part: PreparedCaptures, progress: Callable[[int], None]) -> 
         retrieved = retrieval.ascend(start, 30)
         beam = retrieval.nearest_beam(retrieved, _TERMS)
         circle = Circle(beam.radius, *beam.centre)
-        search = SpeckleSearch(_magnified(part, factor), circle)
+        search = SpeckleSearch(_magnified(part, factor), circle, shape)
         leaders.append(_Leader(*search.ascend(search.near(beam, retrieved.stroke), 30), circle, factor))
         if leaders[-1].score > _CLEAR:
             break
     return max(leaders, key=lambda one: one.score)
 
 
-def _from_simple_beams(part: PreparedCaptures) -> _Leader:
+def _from_simple_beams(part: PreparedCaptures, shape: Mapping[str, float]) -> _Leader:
     """The best ascent from beams in the middle with at most one term of a wavefront, of several sizes and strokes: it
     finds light of some radians behind patterns whose far field is drawn in thin lines, where a retrieval sees lines
     rather than speckle."""
-    search = SpeckleSearch(part)
+    search = SpeckleSearch(part, shape=shape)
     starts = [
         search.moved_to_peak(search.near(NearestBeam(1 / size, 2.0, (0.0, 0.0), {}, 1.0), stroke))
-        for size in _START_SIZES
+        for size in (_START_SIZES[:1] if shape else _START_SIZES)
         for stroke in _START_STROKES
     ]
     best_start = max(starts, key=lambda found: found[0])[1]
@@ -423,7 +495,7 @@ def _from_simple_beams(part: PreparedCaptures) -> _Leader:
     starts = _spread(sorted(starts, key=lambda found: -found[0]))
     rough = sorted((search.ascend(point, 12) for _, point in starts), key=lambda found: -found[0])
     circle = Circle(min(max(math.exp(-rough[0][1]["log_size"]), 0.15), 1.25))
-    search = SpeckleSearch(part, circle)
+    search = SpeckleSearch(part, circle, shape)
     finer = [search.ascend(_rebased(point, _MIDDLE, circle), 24) for _, point in rough[:2]]
     return _Leader(*max(finer, key=lambda found: found[0]), circle, 1.0)
 
@@ -444,7 +516,8 @@ def without_superfluous(
     """The point without parts that held-out speckle doesn't need, and the loss without each part: of the correlation
     after a refit of all others, and in standard deviations of its mean over blocks."""
     whole, losses = search.standing(point), {}
-    for number, (part, absent) in enumerate(PARTS.items()):
+    parts = {part: absent for part, absent in PARTS.items() if not (search.shape and part == "shape")}
+    for number, (part, absent) in enumerate(parts.items()):
         progress(number)
         without = search.ascend(point | absent, 12, rate=0.5, fixed=absent)[1]
         losses[part] = whole.loss(search.standing(without))
@@ -464,6 +537,10 @@ def without_superfluous(
 
 def _is_needed(loss: tuple[float, float]) -> bool:
     return loss[0] > LEAST_LOSS and loss[1] > LEAST_SIGMAS
+
+
+def _nominal_point() -> Point:
+    return dict.fromkeys(STEPS, 0.0) | _EVEN | {"stroke": 1.0}
 
 
 def _magnified(data: PreparedCaptures, factor: float) -> PreparedCaptures:
