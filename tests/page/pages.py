@@ -42,6 +42,17 @@ def set_state(page: Any, **changes: Any) -> None:
     page.evaluate("changes => window.holoview.set(changes)", changes)
 
 
+def drag_right(page: Any, what: Any, by_px: int) -> None:
+    """Drags the middle of something on a page to the right."""
+    what.scroll_into_view_if_needed()
+    box = what.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + by_px, y, steps=2)
+    page.mouse.up()
+
+
 def page_pixels(page: Any) -> NDArray[np.uint8]:
     """The page's image at full samples, (y, x, 3)."""
     height, width, text = page.evaluate(_PIXELS)

@@ -23,7 +23,7 @@ from holoview.viewer.document.file_loader import read_content
 from holoview.viewer.page.link import shown_by_link
 from holoview.viewer.page.page import export_html, page_html, read_page
 from tests.chromium import Browser, needs_chromium
-from tests.page.pages import open_page, page_pixels, set_state, webgpu_browser
+from tests.page.pages import drag_right, open_page, page_pixels, set_state, webgpu_browser
 from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
@@ -304,13 +304,7 @@ def test_a_space_is_dragged_and_typed_in_the_drawing_and_is_in_the_link(browser:
         f"() => Math.abs(window.holoview.state.spaces['way 1'] - {length_m}) < 1e-9"
     )
     room = page.locator("#bench rect.part[aria-label='way 1'][tabindex='0']")
-    room.scroll_into_view_if_needed()
-    box = room.bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 30, y, steps=2)
-    page.mouse.up()
+    drag_right(page, room, 30)
     is_at(1.3 * MM)
     page.keyboard.press("Enter")
     page.keyboard.type("1.2 mm")

@@ -25,7 +25,7 @@ from holoview.light.gpu.device import Device
 from holoview.viewer.document.measurements import measure_region
 from holoview.viewer.page.page import export_html, read_page
 from tests.chromium import Browser, needs_chromium, pixels
-from tests.page.pages import WEBGPU, open_page, page_pixels, set_state, webgpu_browser
+from tests.page.pages import WEBGPU, drag_right, open_page, page_pixels, set_state, webgpu_browser
 
 EYE = {"pupil": "2 mm", "pupil_x": "0.3 mm"}
 REGION = (20, 12, 40, 30)
@@ -582,13 +582,7 @@ def test_the_drawing_shows_and_changes_the_numbers_of_the_state(browser: Browser
     gap, text = page.locator("#bench rect.part[aria-label=Gap]"), page.locator("#bench text[data-key=gap]")
     is_at = lambda gap_m: page.wait_for_function(f"() => Math.abs(window.holoview.state.gap_m - {gap_m}) < 1e-9")  # noqa: E731
     assert text.text_content() == "2 mm"
-    gap.scroll_into_view_if_needed()
-    box = gap.bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 30, y, steps=2)
-    page.mouse.up()
+    drag_right(page, gap, 30)
     is_at(2e-3 + 0.1 * (high - low))
     page.keyboard.press("ArrowLeft")
     is_at(2e-3 + 0.09 * (high - low))
