@@ -68,7 +68,8 @@ PARTS: dict[str, dict[str, float]] = {
 }
 """Parts of the light that may be superfluous, with the numbers that stand for their absence."""
 _STROKES = 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.4  # over the assumed one, with which light is retrieved
-_MOST_SCALE = 0.0155  # of the focal length
+_MOST_SCALE, _SCALE_STEPS = 0.0155, (0.006, 0.001)  # of the focal length
+_MOST_FARTHER, _FARTHER_STEPS = 0.15, (0.03, 0.006)  # of the distance of near fields
 _LEADERS = 2
 _START_SIZES, _START_STROKES = (0.7, 1.0, 1.5, 2.2, 3.3), (0.5, 0.9)  # of simple beams
 _CLEAR = 0.85
@@ -408,20 +409,20 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
         progress(_SCANS + _LEADERS, steps, told)
         first = max(first, _from_simple_beams(part, shape), key=lambda one: one.score)
     score, point, circle, factor = first.score, first.point, first.circle, first.factor
-    search = SpeckleSearch(_magnified(part, factor), circle, shape)
+    search = SpeckleSearch(_scaled(part, factor), circle, shape)
     rng = np.random.default_rng(seed)
     for number in range(_KICKS):
         progress(_SCANS + _LEADERS + 1 + number, steps, told)
-        if part.captures.is_fourier and number in (0, _KICKS - 1):
-            factor = _climbed(partial(_score_of, part, circle, point), 0.001, factor)
-            search = SpeckleSearch(_magnified(part, factor), circle)
+        if number in (0, _KICKS - 1):
+            factor = _climbed(part, partial(_score_of, part, circle, shape, point), factor, is_fine=True)
+            search = SpeckleSearch(_scaled(part, factor), circle, shape)
             score = search.score(point)
         if score > _CLEAR:
             continue
         other = search.ascend(search.moved_to_peak(_kicked(point, number, rng) | dict(shape))[1], 14)
         if other[0] > score + _LEAST_STEP:
             score, point = other
-    search = SpeckleSearch(_magnified(data, factor), circle, shape)
+    search = SpeckleSearch(_scaled(data, factor), circle, shape)
     score = search.score(point)
     for _ in range(3):
         polished = search.ascend(point, 20, rate=0.5)
@@ -436,7 +437,10 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
     if search.shape == _EVEN:
         dropped.append("shape")
     values = search.effect_values(point, dropped)
-    values["camera_alignment"]["magnification"] = factor - 1
+    if data.captures.is_fourier:
+        values["camera_alignment"]["magnification"] = factor - 1
+    elif factor != 1:
+        values["distance"] = {"distance_error": (factor - 1) * float(data.captures.distance_m[0])}
     return FoundLight(values, before, search.held_out(point), losses, explained)
 
 
@@ -451,20 +455,19 @@ class _Leader:
 
 
 def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
-    """The best of the beams that resemble retrieved lights, after an ascent. The focal length is that at which the
-    speckle of retrieved light stands best; the strokes are those with which it stands best there. shape: of a beam that
-    is known."""
-    retrieval, factor, starts = LightRetrieval(part), 1.0, []
+    """The best of the beams that resemble retrieved lights, after an ascent. The focal length, or the distance of near
+    fields, is that at which the speckle of retrieved light stands best; the strokes are those with which it stands best
+    there. shape: of a beam that is known."""
+    retrieval, starts = LightRetrieval(part), []
     for number, stroke in enumerate(_STROKES):
         progress(number)
         starts.append(retrieval.start(stroke))
     starts.sort(key=lambda one: -one.correlation)
-    if part.captures.is_fourier:
-        progress(len(_STROKES))
-        stroke = starts[0].stroke
-        factor = _climbed(lambda factor: LightRetrieval(_magnified(part, factor)).start(stroke).correlation, 0.006, 1.0)
-        retrieval = LightRetrieval(_magnified(part, factor))
+    progress(len(_STROKES))
+    stroke = starts[0].stroke
+    factor = _climbed(part, lambda factor: LightRetrieval(_scaled(part, factor)).start(stroke).correlation, 1.0)
     if factor != 1:
+        retrieval = LightRetrieval(_scaled(part, factor))
         starts = [retrieval.start(one.stroke) for one in starts[:_LEADERS]]
     leaders = []
     for number, start in enumerate(starts[:_LEADERS]):
@@ -472,7 +475,7 @@ def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress
         retrieved = retrieval.ascend(start, 30)
         beam = retrieval.nearest_beam(retrieved, _TERMS)
         circle = Circle(beam.radius, *beam.centre)
-        search = SpeckleSearch(_magnified(part, factor), circle, shape)
+        search = SpeckleSearch(_scaled(part, factor), circle, shape)
         leaders.append(_Leader(*search.ascend(search.near(beam, retrieved.stroke), 30), circle, factor))
         if leaders[-1].score > _CLEAR:
             break
@@ -543,23 +546,29 @@ def _nominal_point() -> Point:
     return dict.fromkeys(STEPS, 0.0) | _EVEN | {"stroke": 1.0}
 
 
-def _magnified(data: PreparedCaptures, factor: float) -> PreparedCaptures:
-    """The pictures of a bench whose focal length is another one; near fields as they are."""
-    if data.captures.focal_length_m is None:
-        return data
-    focal_length_m = data.captures.focal_length_m * factor
-    return dataclasses.replace(data, captures=dataclasses.replace(data.captures, focal_length_m=focal_length_m))
+def _scaled(data: PreparedCaptures, factor: float) -> PreparedCaptures:
+    """The pictures of a bench whose focal length, or distance of near fields, is another one."""
+    captures = data.captures
+    if captures.focal_length_m is None:
+        return dataclasses.replace(
+            data, captures=dataclasses.replace(captures, distance_m=captures.distance_m * factor)
+        )
+    focal_length_m = captures.focal_length_m * factor
+    return dataclasses.replace(data, captures=dataclasses.replace(captures, focal_length_m=focal_length_m))
 
 
-def _score_of(part: PreparedCaptures, circle: Circle, point: Point, factor: float) -> float:
-    return SpeckleSearch(_magnified(part, factor), circle).score(point)
+def _score_of(part: PreparedCaptures, circle: Circle, shape: Mapping[str, float], point: Point, factor: float) -> float:
+    return SpeckleSearch(_scaled(part, factor), circle, shape).score(point)
 
 
-def _climbed(score: Callable[[float], float], step: float, factor: float) -> float:
-    """The factor of the focal length up to which a score rises, in steps."""
+def _climbed(part: PreparedCaptures, score: Callable[[float], float], factor: float, *, is_fine: bool = False) -> float:
+    """The factor of the focal length, or of the distance of near fields, up to which a score rises, in steps."""
+    is_fourier = part.captures.is_fourier
+    step = (_SCALE_STEPS if is_fourier else _FARTHER_STEPS)[is_fine]
+    most = _MOST_SCALE if is_fourier else _MOST_FARTHER
     best = score(factor)
     for change in (step, -step):
-        while abs(factor + change - 1) < _MOST_SCALE and (other := score(factor + change)) > best:
+        while abs(factor + change - 1) < most and (other := score(factor + change)) > best:
             best, factor = other, factor + change
     return factor
 
