@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -28,20 +29,19 @@ from holoview.commands.hologram_files import add_field_options, open_files
 from holoview.commands.output_files import add_input, add_output, add_output_folder, check_files
 from holoview.commands.speckle_options import add_target, target_from_args
 from holoview.holograms.files.light_writer import check_light_suffix
-from holoview.holograms.files.pattern_manifest import MANIFEST, PatternFile, pattern_manifest
+from holoview.holograms.files.pattern_manifest import MANIFEST, Driven, PatternFile, pattern_manifest
 from holoview.holograms.files.pictures import (
     CELL_MAPS,
     PATH_PATTERN,
     memory_cells,
     pattern_pixels,
     write_bmp,
-    write_pattern,
     write_png,
 )
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.view import as_field, save, simulate
-from holoview.light.model.bench_parts import Modulator
 from holoview.light.model.drives import complex_names
+from holoview.light.model.elements import AmplitudeModulator, PhaseModulator
 from holoview.light.model.focus import parse_plane
 from holoview.light.optics.slm import level_numbers
 from holoview.util.errors import UserError
@@ -125,8 +125,6 @@ def run(args: argparse.Namespace) -> int:
     if hologram.system.is_field:
         flag, remedy = "--png" if args.bmp is None else "--bmp", "--html or --field writes a field"
         raise UserError(flag, "a field", expected="patterns of modulators", remedy=remedy)
-    if hologram.system.is_chain:
-        return _export_elements(args, hologram)
     return _export_patterns(args, hologram)
 
 
@@ -169,75 +167,83 @@ def _named(holograms: list[tuple[str, Hologram]]) -> dict[str, Hologram]:
 
 
 def _export_patterns(args: argparse.Namespace, hologram: Hologram) -> int:
-    """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames, a test pattern and the manifest, and prints
-    their paths.
+    """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames, of a chain NAME.png of its elements, a test
+    pattern and the manifest, and prints their paths.
     """
-    system, modulators = hologram.system, hologram.system.modulators
+    system, driven = hologram.system, _driven(hologram)
     flag = "--levels" if args.levels else "--cells" if args.cells else None
-    if flag and any(modulator.levels is None for modulator in modulators):
+    if flag and any(shown.levels is None for shown in driven.values()):
         raise UserError(flag, "the modulators are continuous", expected="modulators with levels", remedy="leave it out")
     if args.cells:
-        _check_cells(args.cells, modulators)
+        _check_cells(args.cells, driven.values())
     folder, suffix = (args.png, ".png") if args.bmp is None else (args.bmp, ".bmp")
     if suffix == ".bmp" and args.bits == 16:
         raise UserError("--bits 16", "with --bmp, which has 8", expected="--png, or --bits 8")
     meaning = "level number" if args.levels else f"memory cells of {args.cells}" if args.cells else "path"
     make_folder(folder)
     files: list[PatternFile] = []
-    for frame, patterns in enumerate(hologram.drive):
-        for number, (pattern, modulator) in enumerate(zip(patterns, modulators, strict=True), start=1):
-            name = f"slm{number}" if len(hologram.drive) == 1 else f"slm{number}-frame{frame}"
+    for frame in range(system.frames):
+        for key, shown in driven.items():
+            patterns = hologram.drive[key] if system.is_chain else hologram.drive[:, int(key) - 1]
+            if frame >= len(patterns):
+                continue  # all frames show one pattern
             if args.levels:
-                pixels = _level_number_image(pattern, modulator)
+                pixels = _level_number_image(patterns[frame], shown)
             elif args.cells:
-                pixels = memory_cells(_level_number_image(pattern, modulator), args.cells) * np.uint8(255)
+                pixels = memory_cells(_level_number_image(patterns[frame], shown), args.cells) * np.uint8(255)
             else:
-                pixels = pattern_pixels(pattern, args.bits)
-            files.append(_write_pattern(folder / f"{name}{suffix}", pixels, meaning, system.name, number, frame))
+                pixels = pattern_pixels(patterns[frame], args.bits)
+            name = str(key) if system.is_chain else f"slm{key}"
+            path = folder / (f"{name}{suffix}" if len(patterns) == 1 else f"{name}-frame{frame}{suffix}")
+            moment = None if len(patterns) == 1 else frame
+            files.append(_write_pattern(path, pixels, meaning, system.name, key, moment))
     test = None
     if not flag:
-        shown = signal_pattern(modulators[0].shape, args.bits)
-        test = _write_pattern(folder / f"test{suffix}", shown, "test of the signal", system.name)
-    manifest = pattern_manifest(system, meaning, args.bits, files, test)
+        name = "test" if "test" not in driven else "test of the signal"
+        pixels = signal_pattern(next(iter(driven.values())).shape, args.bits)
+        test = _write_pattern(folder / f"{name}{suffix}", pixels, "test of the signal", system.name)
+    manifest = pattern_manifest(system, driven, meaning, args.bits, files, test)
     write_file(folder / MANIFEST, json.dumps(manifest, indent=1))
     print(folder / MANIFEST)
     return 0
 
 
+def _driven(hologram: Hologram) -> dict[int | str, Driven]:
+    """What shows the patterns of a hologram: its modulators by number, or a chain's elements by name."""
+    system = hologram.system
+    if not system.is_chain:
+        return dict(enumerate(system.modulators, start=1))
+    if shown := sorted(complex_names(system)):
+        found = f'complex patterns, of "{shown[0]}"'
+        raise UserError("--png", found, expected="--light, or the hologram's file itself")
+    named = zip(system.element_names, system.elements, strict=True)
+    return {
+        name: element
+        for name, element in named
+        if name in hologram.drive and isinstance(element, PhaseModulator | AmplitudeModulator)
+    }
+
+
 def _write_pattern(
-    path: Path, pixels: NDArray[np.uint8 | np.uint16], meaning: str, name: str, modulator: int = 0, frame: int = 0
+    path: Path,
+    pixels: NDArray[np.uint8 | np.uint16],
+    meaning: str,
+    name: str,
+    shown_by: int | str = 0,
+    frame: int | None = None,
 ) -> PatternFile:
     """Writes the pixels of a pattern, prints the path, and says what it wrote."""
     if path.suffix == ".bmp":
         write_bmp(path, pixels.astype(np.uint8))
     else:
+        element = {"holoview.element": shown_by} if isinstance(shown_by, str) else {}
         said = PATH_PATTERN if meaning == "path" else meaning
-        write_png(path, pixels, {"holoview.pattern": said, "holoview.preset": name})
+        write_png(path, pixels, {"holoview.pattern": said, "holoview.preset": name} | element)
     print(path)
-    return PatternFile(path.name, modulator, frame, pixels.shape, hashlib.sha256(path.read_bytes()).hexdigest())
+    return PatternFile(path.name, shown_by, frame, pixels.shape, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
-def _export_elements(args: argparse.Namespace, hologram: Hologram) -> int:
-    """Writes NAME.png of each element of a chain, or NAME-frame0.png … with several frames, and prints their paths."""
-    flag = "--levels" if args.levels else "--cells" if args.cells else None
-    if flag:
-        raise UserError(flag, "of a chain of elements", expected="patterns 0…1", remedy="leave it out")
-    if shown := sorted(complex_names(hologram.system)):
-        raise UserError(
-            "--png", f'complex patterns, of "{shown[0]}"', expected="--light, or the hologram's file itself"
-        )
-    if args.bmp is not None:
-        raise UserError("--bmp", "of a chain of elements", expected="--png", remedy="use --png")
-    make_folder(args.png)
-    for name, drive in hologram.drive.items():
-        for frame, pattern in enumerate(drive):
-            path = args.png / (f"{name}.png" if len(drive) == 1 else f"{name}-frame{frame}.png")
-            write_pattern(path, pattern, args.bits, {"holoview.preset": hologram.system.name, "holoview.element": name})
-            print(path)
-    return 0
-
-
-def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:
+def _check_cells(device: str, modulators: Iterable[Driven]) -> None:
     """Raises UserError for an unknown device, or modulators with another number of levels than the device."""
     memory_cells(np.zeros((1, 1), dtype=np.int64), device)
     count = len(CELL_MAPS[device].level_codes)
@@ -246,7 +252,7 @@ def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:
             raise UserError("--cells", f"{len(modulator.levels)} levels", expected=f"{count}, as {device} has")
 
 
-def _level_number_image(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:
+def _level_number_image(pattern: NDArray[np.float32], modulator: Driven) -> NDArray[np.uint8 | np.uint16]:
     """The number of the level of each pixel, (y, x), for a pattern of fractions of the stroke."""
     assert modulator.levels is not None
     numbers = level_numbers(torch.from_numpy(pattern).double(), modulator).numpy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from PIL import Image
 
 import holoview as hv
+from holoview.bench.captures.gratings import signal_pattern
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target import target_for
 from holoview.holograms.view import random_drive
@@ -70,12 +72,26 @@ def test_a_chain_is_optimised_saved_and_rendered(holoview: Callable[..., Any], c
     assert holoview("render", "chain.toml", "--show", "phase", "--stage", "coarse", "-o", "field.png").code == 0
 
 
-def test_patterns_are_exported_by_the_names_of_the_elements(holoview: Callable[..., Any], chain: Path) -> None:
-    assert holoview("export", "chain.safetensors", "--png", "patterns").code == 0
-    drive = hv.load_hologram(chain / "chain.safetensors").drive
-    for name in ("phase", "coarse"):
-        pixels = np.asarray(Image.open(chain / "patterns" / f"{name}.png"))
-        assert np.array_equal(pixels, np.rint(drive[name][0] * 255).astype(np.uint8))
+@pytest.mark.parametrize("form", ["png", "bmp"])
+def test_patterns_are_exported_by_the_names_of_the_elements(
+    holoview: Callable[..., Any], chain: Path, form: str
+) -> None:
+    assert holoview("export", "chain.safetensors", f"--{form}", "patterns").code == 0
+    made, folder = hv.load_hologram(chain / "chain.safetensors"), chain / "patterns"
+    table = json.loads((folder / "patterns.json").read_text(encoding="utf-8"))
+    said = {of["element"]: of for of in table["modulators"]}
+    assert list(said) == ["phase", "coarse"] and [of["kind"] for of in said.values()] == ["phase", "amplitude"]
+    files = table["frames"][0]["files"]
+    assert [file["element"] for file in files] == list(said)
+    for file in files:
+        pixels = np.asarray(Image.open(folder / file["file"]))
+        drive, of = made.drive[file["element"]][0], said[file["element"]]
+        assert file["file"] == f"{file['element']}.{form}" and pixels.shape == (file["rows"], file["columns"])
+        assert hashlib.sha256((folder / file["file"]).read_bytes()).hexdigest() == file["sha256"]
+        assert np.array_equal(pixels, np.rint(drive * 255).astype(np.uint8))
+        assert of["grey"] == [0, 255] and of.get("amplitude", of.get("path_m"))[1] == of.get("stroke_m", 1.0)
+    shown = np.asarray(Image.open(folder / table["test_pattern"]["file"]))
+    assert np.array_equal(shown, signal_pattern(made.drive["phase"][0].shape, 8))
 
 
 def test_the_light_of_a_point_of_a_chain_is_explained(holoview: Callable[..., Any], chain: Path) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from holoview.light.model.bench_parts import Modulator
+from holoview.light.model.elements import AmplitudeModulator, PhaseModulator
 from holoview.light.model.system import System
 from holoview.util.packages import __version__
 
@@ -16,32 +17,44 @@ MANIFEST = "patterns.json"
 FORMAT, VERSION = "holoview-patterns", 1
 _ORIENTATION = (
     "the first row is at the top and the first column on the left of the picture that the observer sees; "
-    "modulator 1 is the one that light meets first"
+    "modulators stand in the order in which light meets them"
 )
+
+Driven = Modulator | PhaseModulator | AmplitudeModulator
+"""What shows patterns of real numbers: a modulator, or an element of a chain."""
 
 
 @dataclass(frozen=True)
 class PatternFile:
-    """A file that was written. modulator: from 1. frame: from 0. shape: rows and columns of its pixels."""
+    """A file that was written. shown_by: modulator, from 1, or an element's name; 0 of none. frame: from 0; None where
+    all show it. shape: rows and columns of its pixels.
+    """
 
     name: str
-    modulator: int
-    frame: int
+    shown_by: int | str
+    frame: int | None
     shape: tuple[int, ...]
     sha256: str
 
     def as_json(self) -> dict[str, Any]:
-        """Its name, size and checksum."""
-        return {"file": self.name, "rows": self.shape[0], "columns": self.shape[1], "sha256": self.sha256}
+        """Its name, size and checksum, and what shows it."""
+        known = {"file": self.name, "rows": self.shape[0], "columns": self.shape[1], "sha256": self.sha256}
+        return known if self.shown_by == 0 else _identity(self.shown_by) | known
 
 
 def pattern_manifest(
-    system: System, meaning: str, bits: int, files: Sequence[PatternFile], test: PatternFile | None
+    system: System,
+    driven: Mapping[int | str, Driven],
+    meaning: str,
+    bits: int,
+    files: Sequence[PatternFile],
+    test: PatternFile | None,
 ) -> dict[str, Any]:
     """The manifest as JSON values; lengths in metres.
 
-    meaning: of a pixel, "path", "level number" or "memory cells of DEVICE". bits: of a grey level with "path". test:
-    the test pattern, if there is one.
+    driven: what shows patterns, by number or name. meaning: of a pixel, "path", which is the amplitude of an amplitude
+    modulator, "level number" or "memory cells of DEVICE". bits: of a grey level with "path". test: the test pattern,
+    if there is one.
 
     Frames are shown one after another for equal times; `begins` and `ends` are shares of the time of one image.
     """
@@ -54,9 +67,8 @@ def pattern_manifest(
         "orientation": _ORIENTATION,
         "pixel": meaning,
         "modulators": [
-            {"modulator": number, "pitch_m": modulator.pitch_m, "stroke_m": modulator.stroke_m}
-            | _levels(modulator, meaning, bits)
-            for number, modulator in enumerate(system.modulators, start=1)
+            _identity(key) | {"pitch_m": shown.pitch_m} | _stroke(shown) | _levels(shown, meaning, bits)
+            for key, shown in driven.items()
         ],
         "wavelengths_m": wavelengths_m,
         "frames": [
@@ -65,7 +77,7 @@ def pattern_manifest(
                 "begins": frame / system.frames,
                 "ends": (frame + 1) / system.frames,
                 "powers": powers.tolist(),
-                "files": [{"modulator": f.modulator} | f.as_json() for f in files if f.frame == frame],
+                "files": [file.as_json() for file in files if file.frame in (None, frame)],
             }
             for frame, powers in enumerate(system.amplitudes)
         ],
@@ -73,13 +85,23 @@ def pattern_manifest(
     }
 
 
-def _levels(modulator: Modulator, meaning: str, bits: int) -> dict[str, Any]:
-    """Which optical path a pixel's number stands for."""
+def _identity(key: int | str) -> dict[str, Any]:
+    return {"modulator": key} if isinstance(key, int) else {"element": key}
+
+
+def _stroke(shown: Driven) -> dict[str, Any]:
+    if isinstance(shown, Modulator):
+        return {"stroke_m": shown.stroke_m}
+    return {"kind": shown.kind} | ({"stroke_m": shown.stroke_m} if isinstance(shown, PhaseModulator) else {})
+
+
+def _levels(shown: Driven, meaning: str, bits: int) -> dict[str, Any]:
+    """Which optical path, or amplitude, a pixel's number stands for."""
+    what, most = ("amplitude", 1.0) if isinstance(shown, AmplitudeModulator) else ("path_m", shown.stroke_m)
     if meaning == "path":
-        top = 2**bits - 1
-        return {"grey": [0, top], "path_m": [0.0, modulator.stroke_m], "between": "linear"}
-    assert modulator.levels is not None
-    paths_m = (modulator.levels * modulator.stroke_m).tolist()
+        return {"grey": [0, 2**bits - 1], what: [0.0, most], "between": "linear"}
+    assert shown.levels is not None
+    values = (shown.levels * most).tolist()
     if meaning == "level number":
-        return {"grey": list(range(len(paths_m))), "path_m": paths_m, "between": "none"}
-    return {"grey": [0, 255], "path_m": paths_m, "between": f"black 0 and white 1 in the {meaning}"}
+        return {"grey": list(range(len(values))), what: values, "between": "none"}
+    return {"grey": [0, 255], what: values, "between": f"black 0 and white 1 in the {meaning}"}
