@@ -31,13 +31,14 @@ from holoview.holograms.optimise.settings import FIELD_LOSS, NEXT_ITERATIONS, Se
 from holoview.holograms.targets.live_pictures import LivePictures, open_live_pictures
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.view import random_drive
+from holoview.light.model.drives import drive_fits
 from holoview.light.model.fields import Choice, Integer, Number, Truth, field_for, fields_by_key, to_mapping
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import ValueType, read_record, read_table
-from holoview.viewer.document.document import Document
+from holoview.viewer.document.document import Document, as_readonly_drive
 from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
 from holoview.viewer.document.jobs import BackgroundJob, JobControl
 from holoview.viewer.document.measurements import measure_region
@@ -151,7 +152,7 @@ class OptimisationJob(BackgroundJob):
         settings = places.in_settings(request.settings)
         seen = None if request.compares_fields else target_at_places(target_spec, system, places)
         stack = target_spec.fields_for(system) if seen is None else seen
-        start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
+        start = drive if request.start_patterns == "now" and drive_fits(system, drive) else None
         control.report(request.done, request.settings.iterations, "loading the optimiser")
         from holoview.holograms.optimise.parallel import resolve_torch_device
         from holoview.holograms.optimise.solve import (
@@ -186,13 +187,15 @@ class OptimisationJob(BackgroundJob):
     def _as_document(self, state: IterationState) -> Document:
         """The best result so far as a document, with the system's own grid and pixels."""
         factor, plane_m = self.request.superpixel, self.request.only_plane_m
-        drive = _expand_superpixels(state.best.drive, factor, self.system.modulators[0].shape)
+        drive = state.best.drive
+        if factor > 1:
+            drive = _expand_superpixels(drive, factor, self.system.modulators[0].shape)
         pixels = f" with {factor} x {factor} pixels as one" if factor > 1 else ""
         plane = "" if plane_m is None else f" for {units.format_rounded(plane_m, 'mm')}"
         eyes = f" for {text}" if (text := self.request.eyes.description) else ""
         origin = f"optimised{pixels}{plane}{eyes}, {state.iteration} iterations"
         system = with_lasers_of(self.system, state.best.system)
-        return replace(self.start_document, system=system, drive=drive, origin=origin, path=None)
+        return replace(self.start_document, system=system, drive=as_readonly_drive(drive), origin=origin, path=None)
 
     def _show_preview(self, document: Document) -> None:
         if self.is_active:
@@ -213,7 +216,7 @@ class OptimisationJob(BackgroundJob):
     def _with_later_edits(self, result: Document) -> tuple[System, str]:
         """The bench as it was edited during the optimisation, if it can show the result; and a message for the user."""
         begun, now = self.start_document.system, self._session.system
-        if self.system != begun or now.drive_shape != result.drive.shape:
+        if self.system != begun or not drive_fits(now, result.drive):
             return result.system, "the bench is as it was when the optimisation began; undo brings your changes back"
         lasers_are_as_before = all(
             np.array_equal(getattr(now, name), getattr(begun, name)) for name in ("wavelengths_m", "amplitudes")
@@ -348,8 +351,7 @@ def start_optimisation(session: EditingSession, request: OptimisationRequest | N
 
 
 def _refuse_to_optimise(session: EditingSession) -> None:
-    """Raises UserError for a field and a chain of elements, and while another optimisation runs."""
-    session.system.require_short_form("an optimisation in the window")
+    """Raises UserError for a field, and while another optimisation runs."""
     if session.system.is_field:
         raise UserError("optimise", "a field has no patterns", remedy="open a preset first: its modulators have some")
     if running_optimisation(session) is not None:
@@ -395,9 +397,9 @@ def last_optimisation(session: EditingSession) -> OptimisationJob | None:
 def start_quick_optimisation(session: EditingSession, iterations: int = 10) -> OptimisationJob:
     """Starts an optimisation that takes seconds: few iterations, one plane, superpixels, and a smooth initial phase."""
     _refuse_to_optimise(session)
-    rows, columns = session.system.modulators[0].shape
-    settings = Settings(iterations=iterations, amplitudes_every=max(iterations // 2, 1))
-    superpixel = math.ceil(math.sqrt(rows * columns / _QUICK_PIXELS))
+    settings, superpixel = Settings(iterations=iterations, amplitudes_every=max(iterations // 2, 1)), 1
+    if not session.system.is_chain:  # whose pixels have sizes of their own
+        superpixel = math.ceil(math.sqrt(math.prod(session.system.modulators[0].shape) / _QUICK_PIXELS))
     nearest_m = float(min(session.system.planes_m, key=lambda z: abs(z - session.view_settings.plane_m)))
     request = OptimisationRequest(
         settings, start_patterns="smooth", preview_every=1, superpixel=superpixel, only_plane_m=nearest_m
@@ -420,8 +422,6 @@ def with_superpixels(system: System, factor: int) -> System:
 
 def _expand_superpixels(drive: Drive, factor: int, shape: tuple[int, int]) -> Drive:
     """Patterns of superpixels (…, y, x) on single pixels, cropped evenly to `shape` (y, x)."""
-    if factor == 1:
-        return drive
     fine = drive.repeat(factor, axis=-2).repeat(factor, axis=-1)
     top, left = (fine.shape[-2] - shape[0]) // 2, (fine.shape[-1] - shape[1]) // 2
     return np.ascontiguousarray(fine[..., top : top + shape[0], left : left + shape[1]])
