@@ -15,6 +15,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.holograms.optimise.eyes import target_at_places
+from holoview.light.model.system import System
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.optimise import OptimisePanel
@@ -27,6 +28,7 @@ from holoview.viewer.document.optimisation_job import (
     running_optimisation,
     start_live_optimisation,
 )
+from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import Gui
 from tests.patience import PATIENCE_S, wait_until
 
@@ -223,3 +225,34 @@ def test_the_place_of_a_fields_target_is_one_step_of_undo(gui: Gui, tmp_path: Pa
     assert gui.session.target_spec.placement.at_m == pytest.approx(2e-3)
     gui.press_chord("Ctrl+Z")
     assert gui.session.target_spec.placement.at_m is None
+
+
+def test_a_chain_of_elements_is_followed_kept_and_shown(make_gui: Callable[..., Gui]) -> None:
+    """Its own pixels, grid and elements; the picture is that of the reference."""
+    elements = (
+        {"kind": "phase", "pitch": "8 um", "shape": [24, 32], "stroke": "700 nm"},
+        {"kind": "space", "distance": "2 mm"},
+        {"kind": "amplitude", "name": "coarse", "pitch": "32 um", "shape": [6, 8]},
+    )
+    system = System(["460 nm", "633 nm"], [[1.0, 1.0]], elements=elements, planes_m=[6e-3, 7e-3])
+    gui = make_gui(system, size=(800, 480), panels=(ImagePanel, OptimisePanel))
+    pixels = np.full((48, 64, 3), 90, np.uint8)
+    pixels[12:36, 16:48] = 230
+    gui.session.edit("Target", target_spec=target_from_pixels(pixels, "square"))
+    gui.draw_until_idle()
+    old = gui.session.drive
+    _choose(gui, iterations=12)
+    seen = []
+    gui.press_chord("Ctrl+Enter")
+    job = running_optimisation(gui.session)
+    assert job is not None
+    _until(gui, lambda: bool(seen.append(gui.session.displayed_document.drive)) or not job.is_active)
+    assert job.status == "done" and gui.session.drive is not old
+    assert job.progress[-1].best_psnr_db > job.progress[0].psnr_db
+    gui.draw_until_idle()
+    plane_m = gui.session.view_settings.plane_m
+    known = hv.simulate(gui.session.system, dict(gui.session.drive), planes=[plane_m], backend="torch64").xyz[0]
+    shown = gui.context.side_renderers.xyz(NOW)
+    assert np.abs(shown - known).max() < 1e-4 * known.max()
+    gui.press_chord("Ctrl+Z")
+    assert gui.session.drive is old
