@@ -63,8 +63,14 @@ def test_it_gives_what_the_optimiser_gives_and_undo_takes_it_back(
     assert job.status == "done" and running_optimisation(opened) is None
     assert job.latest is not None and job.latest.loss == pytest.approx(expected.loss, rel=1e-6)
     assert drive_fits(opened.system, opened.drive) and _are_equal(opened.drive, expected.best.drive)
+    assert 0 < job.latest.light <= 1 and job.latest.light == pytest.approx(expected.light, rel=1e-5)
     label = opened.undo()
-    assert label is not None and label.startswith("Optimise") and _are_equal(opened.drive, old)
+    assert (
+        label is not None
+        and label.startswith("Optimise")
+        and label.endswith("% of the light")
+        and _are_equal(opened.drive, old)
+    )
     assert opened.system == before
 
 

@@ -89,13 +89,22 @@ class OptimisationRequest:
 
 @dataclass(frozen=True)
 class OptimisationProgress:
-    """The progress after an iteration: its number, of how many, the loss, the present PSNR and the best so far (dB)."""
+    """The progress after an iteration: its number, of how many, the loss, the present PSNR and the best so far (dB).
+
+    light: of a chain of elements, the share of the lasers' light that is in the picture; else NaN.
+    """
 
     iteration: int
     iterations: int
     loss: float
     psnr_db: float
     best_psnr_db: float
+    light: float = math.nan
+
+    @property
+    def light_text(self) -> str:
+        """The light of a chain, whose elements may absorb most of it; else nothing."""
+        return "" if math.isnan(self.light) else f"{self.light:.1%} of the light"
 
 
 class OptimisationJob(BackgroundJob):
@@ -179,7 +188,7 @@ class OptimisationJob(BackgroundJob):
 
     def _report(self, control: JobControl, state: IterationState) -> None:
         progress = OptimisationProgress(
-            state.iteration, state.iterations, state.loss, state.psnr_db, state.best_psnr_db
+            state.iteration, state.iterations, state.loss, state.psnr_db, state.best_psnr_db, state.light
         )
         self.progress.append(progress)
         control.report(state.iteration, state.iterations, f"loss {state.loss:.4g}, PSNR {state.best_psnr_db:.2f} dB")
@@ -209,7 +218,8 @@ class OptimisationJob(BackgroundJob):
         if session.system != self.start_document.system:
             system, message = self._with_later_edits(result)
             session.messages.post(message, "warning")
-        label = f"Optimise, {latest.iteration} iterations, {latest.best_psnr_db:.1f} dB"
+        light = f", {latest.light_text}" if latest.light_text else ""
+        label = f"Optimise, {latest.iteration} iterations, {latest.best_psnr_db:.1f} dB{light}"
         session.edit(label, system=system, drive=result.drive, origin=result.origin, path=None)
         session.messages.post(f"{label}: {latest.loss:.4g} loss")
 

@@ -201,6 +201,8 @@ def _draw_progress(context: AppContext, job: OptimisationJob) -> None:
         of_all = "" if isinstance(job, LiveOptimisationJob) else f" of {latest.iterations}"
         imgui.text_wrapped(f"{job.unit} {latest.iteration}{of_all}   loss {latest.loss:.4g}")
         imgui.text_wrapped(f"PSNR of all planes {latest.psnr_db:.2f} dB, best {latest.best_psnr_db:.2f} dB")
+        if latest.light_text:
+            imgui.text_wrapped(f"in the picture: {latest.light_text}")
     width = share_of_width(3)
     command_button(context, _PAUSE, "Go on" if job.status == "paused" else "Pause", width=width)
     imgui.same_line()
