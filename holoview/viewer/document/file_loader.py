@@ -283,10 +283,14 @@ class FileLoader:
         self._optimise_quickly()
 
     def _optimise_quickly(self) -> None:
-        """Starts a quick optimisation for a new target, if that is wanted."""
+        """Starts a quick optimisation for a new target, if that is wanted; of a chain, whose pixels can't be joined, it
+        would take long."""
         session = self._session
-        has_patterns = not (session.system.is_field or session.system.is_chain)
-        if self.optimises_new_targets and has_patterns and running_optimisation(session) is None:
+        if session.system.is_field or running_optimisation(session) is not None:
+            return
+        if session.system.is_chain:
+            session.messages.post("Ctrl+Enter makes patterns for this target")
+        elif self.optimises_new_targets:
             start_quick_optimisation(session)
 
     def _set_pupil_path(self, title: str, path: PupilPath) -> None:
