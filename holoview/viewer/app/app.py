@@ -496,16 +496,12 @@ def _draw_windows(context: AppContext) -> None:
         if clicked:
             window.is_visible = visible
     imgui.separator()
-    for name in THEMES:
-        if imgui.menu_item(f"{name} theme", "", context.theme == name)[0]:
-            context.set_theme(name)
+    _draw_items(context, context.commands.of_group("Window"))
     if imgui.begin_menu("Text size"):
         for size in theme.TEXT_SIZES:
             if imgui.menu_item(f"{size:.0%}", "", context.text_size == size)[0]:
                 context.set_text_size(size)
         imgui.end_menu()
-    if imgui.menu_item("Original layout", "", False)[0]:
-        hello_imgui.get_runner_params().docking_params.layout_reset = True
 
 
 # --- The commands that belong to no panel: undo, redo, random patterns, the still life, quit, help ---
@@ -545,8 +541,16 @@ def add_general_commands(context: AppContext) -> None:
     if not context.is_read_only:
         help = "All is saved as it is, and offered at the next start."
         add("File", "Quit", context.window.request_close, "Ctrl+Q", help)
+    for name in THEMES:
+        is_other = partial(lambda name: context.theme != name, name)
+        add("Window", f"{name} theme", partial(context.set_theme, name), is_enabled=is_other)
+    add("Window", "Original layout", _restore_layout, help="All panels where they were at first.")
     add("Help", "Keys", lambda: toggle("keys"), "? F1", "Every key and what it does.")
     add("Help", "Commands", lambda: toggle("palette"), "Ctrl+P Ctrl+Shift+P", "Type what you want to do.")
+
+
+def _restore_layout() -> None:
+    hello_imgui.get_runner_params().docking_params.layout_reset = True
 
 
 def _randomise(context: AppContext) -> None:
