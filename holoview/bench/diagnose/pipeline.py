@@ -98,6 +98,8 @@ _SPECKLE_SHARE = 0.6
 _USUAL_SHARE = 0.5
 """[1] Of the time, which the search by derivatives may take where light may be sought by speckle behind it. Evidence: a
 reason: the other half is then sought and judged in."""
+_LEAST_LEFT = 0.15
+"""[1] Of the time, with less of which no other search begins. Evidence: a reason: its preparation takes as long."""
 _DECIDING_SHARE = 0.1
 """[1] Of the nominal excess χ²/n that light found by speckle leaves at most where brightness decides on unmodulated
 light. Evidence: drawn benches: it was right where 7 % were left and less; what leaves a third lacks other things."""
@@ -215,7 +217,9 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     is_first = window is not None and (captures.is_fourier or shows_a_beam(window))  # where single causes mislead
     judged = None if window is None or not is_first else of_light(window)
     notes: tuple[str, ...] = ()
-    is_enough = judged is not None and (captures.is_fourier or not _is_far(judged) or request.is_asked)
+    is_enough = judged is not None and (
+        captures.is_fourier or not _is_far(judged) or request.is_asked or has_time.is_nearly_over
+    )
     if judged is None or not is_enough:
         usual = has_time.left(1.0 if window is None or is_first else _USUAL_SHARE)
         diagnosis, notes = _search_causes(captures, records, usual)
@@ -242,10 +246,18 @@ class _Clock:
     def __init__(self, request: _Request) -> None:
         self._request, self._began = request, time.monotonic()
 
+    @property
+    def is_nearly_over(self) -> bool:
+        """Whether less is left than another search needs to begin."""
+        return self._left_s < _LEAST_LEFT * self._request.time_s
+
     def left(self, share: float = 1.0) -> _Request:
         """The request with a share of the time that is left."""
-        left_s = self._request.time_s - (time.monotonic() - self._began)
-        return replace(self._request, time_s=share * max(left_s, 0.0))
+        return replace(self._request, time_s=share * self._left_s)
+
+    @property
+    def _left_s(self) -> float:
+        return max(self._request.time_s - (time.monotonic() - self._began), 0.0)
 
 
 def _search_causes(captures: Captures, records: CheckedRecords, request: _Request) -> tuple[Diagnosis, tuple[str, ...]]:

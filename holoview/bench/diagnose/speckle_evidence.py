@@ -15,7 +15,7 @@ from holoview.util.progress import ProgressCallback
 
 _MOST_PICTURES = 4
 """[captures] Predicted together in a search by speckle; of more, derivatives find most causes. Evidence: the cost."""
-_MOST_NEAR_PX = 400_000
+_MOST_NEAR_PX = 250_000
 """[pixels] Of the modulators, in a near field, which can't be cut to a window. Evidence: measured: one modulator of 384
 × 288 pixels and three pictures take 60 to 100 s of a core, and others in proportion."""
 FAR_CHI2 = 4.0
