@@ -52,7 +52,6 @@ STEPS: dict[str, float] = {
 """Adam's unit of each number: ln size, exponent, places in half sides, shares, stray over mean light, radians r.m.s. of
 wavefront."""
 _BOUNDS = {"log_size": (-1.5, 2.5), "edge": (0.8, 6.0), "stroke": (0.15, 2.2), "stray": (0.0, 1.0)}
-_SHAPE = ("log_size", "edge", "centre_y", "centre_x")
 _EVEN = {"log_size": _BOUNDS["log_size"][0], "edge": 2.0, "centre_y": 0.0, "centre_x": 0.0}
 """Light that falls by 0.3 % of its amplitude from the middle to the corners: even."""
 PARTS: dict[str, dict[str, float]] = {
