@@ -763,3 +763,16 @@ def test_a_page_of_a_field_begins_with_the_exposure_that_render_chooses(tmp_path
     data = re.search(r'id="holoview-page">(.*?)</script>', path.read_text(encoding="utf-8"), re.DOTALL)
     assert data is not None
     assert stops < -2 and json.loads(data[1])["exposure"] == round(stops, 1)
+
+
+@needs_chromium
+def test_a_drawing_that_is_cut_says_that_it_scrolls_and_is_whole_in_print(browser: Browser, written: Written) -> None:
+    page = open_page(browser, written.eye_page, "", 390, 800)
+    assert page.locator("#scrolls").is_visible()
+    page.emulate_media(media="print")
+    assert not page.locator("#scrolls").is_visible()
+    right = page.eval_on_selector("#bench svg", "svg => svg.getBoundingClientRect().right")
+    assert right <= page.evaluate("() => document.documentElement.clientWidth")
+    wide = open_page(browser, written.eye_page, "", 2400, 900)
+    assert not wide.locator("#scrolls").is_visible()
+    assert browser.close_pages() == []
