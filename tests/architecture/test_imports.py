@@ -89,6 +89,8 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.viewer.render.point_probe", "holoview.light.engine.point_light"): SLOW,
     ("holoview.viewer.document.measurements", "holoview.holograms.metrics.perceptual"): SLOW,
     ("holoview.viewer.document.measurements", "scipy"): SLOW,
+    ("holoview.viewer.render.light_by_gap", "holoview.light.engine.light_behind"): SLOW,
+    ("holoview.viewer.render.light_by_gap", "scipy.interpolate"): SLOW,
     ("holoview.viewer.document.measurements", "holoview.holograms.metrics.speckle_measurement"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.solve"): SLOW,
     ("holoview.viewer.document.optimisation_job", "holoview.holograms.optimise.parallel"): SLOW,

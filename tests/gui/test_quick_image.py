@@ -13,7 +13,7 @@ from holoview.holograms.view import random_drive
 from holoview.light.gpu.device import Device
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.speckle import SpecklePanel
-from holoview.viewer.render import progressive_renderer
+from holoview.viewer.render import light_by_gap, progressive_renderer
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.scene import Scene
 from tests.gui.conftest import Gui, small_bench
@@ -30,16 +30,22 @@ def slow(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _means(renderer: ProgressiveRenderer, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """The mean XYZ of a scene's quick image as it is shown, and of its full image."""
+    quick = _quick_mean(renderer, scene)
+    while renderer.is_busy:
+        renderer.compute_slice()
+    full = renderer.xyz()
+    assert full is not None and renderer.picture is not None and not renderer.picture.is_quick
+    return quick, full.mean(axis=(0, 1))
+
+
+def _quick_mean(renderer: ProgressiveRenderer, scene: Scene) -> np.ndarray:
+    """The mean XYZ of a scene's quick image as it is shown."""
     renderer.request(scene)
     while renderer.picture is None or not renderer.picture.is_quick or not renderer.follows:
         renderer.compute_slice()
     quick = renderer.shown_xyz()
     assert quick is not None and renderer.picture.is_quick
-    while renderer.is_busy:
-        renderer.compute_slice()
-    full = renderer.xyz()
-    assert full is not None and not renderer.picture.is_quick
-    return quick.mean(axis=(0, 1)), full.mean(axis=(0, 1))
+    return quick.mean(axis=(0, 1))
 
 
 def test_brightness_and_colours_are_those_of_the_full_image(device: Device) -> None:
@@ -74,6 +80,33 @@ def test_other_patterns_and_another_gap_have_a_brightness_of_their_own(device: D
     for other in (Scene(system, np.zeros_like(drive), 1e-2), Scene(system.with_(gap="4 mm"), drive, 1e-2)):
         quick, full = _means(renderer, other)
         assert quick == pytest.approx(full, rel=0.01)
+
+
+@pytest.mark.parametrize("draw", range(2))
+def test_brightness_follows_a_gap_that_is_dragged(draw: int, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within 1 %, of random benches: the worst of 96 gaps of 32 benches, up to 1.4 times longer or shorter, was 0.74 %.
+
+    Close behind the modulators, as what leaves the picture on its way is no part of the table.
+    """
+    monkeypatch.setattr(light_by_gap, "IDLE_BEFORE_TABLE_S", 0.0)
+    random = np.random.default_rng(draw)
+    system = small_bench(
+        shape=[96, 144], gap=f"{random.uniform(0.5, 5):.4g} mm", pitch=f"{random.uniform(4, 10):.4g} um"
+    )
+    first = Scene(system, random_drive(system, seed=draw), 1e-4)
+    assert system.gap_m is not None
+    scenes = [
+        replace(first, system=system.with_(gap=system.gap_m * factor)) for factor in 2 ** random.uniform(-0.3, 0.3, 2)
+    ]
+    renderer, other = ProgressiveRenderer(device), ProgressiveRenderer(device)
+    _means(renderer, first)
+    renderer.light_by_gap.wait()
+    shown = [_quick_mean(renderer, scene) for scene in scenes]
+    monkeypatch.setattr(light_by_gap, "IDLE_BEFORE_TABLE_S", 1000.0)
+    for quick, scene in zip(shown, scenes, strict=True):
+        assert quick == pytest.approx(_means(other, scene)[1], rel=0.01)
+    for each in (renderer, other):
+        each.close()
 
 
 def test_a_badge_tells_the_quick_image_and_old_figures_are_pale(

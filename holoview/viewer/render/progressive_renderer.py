@@ -37,6 +37,7 @@ from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.processes import Inputs, are_same
+from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape
 from holoview.viewer.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings
 
@@ -101,6 +102,8 @@ class ProgressiveRenderer:
         self._quick_scene: Scene | None = None
         self._gain_key: Inputs = ()  # what the gain was measured for
         self._is_gain_old = False  # whether it is measured before the next quick frame is shown
+        self.light_by_gap = LightByGap()
+        self._full_mean: NDArray[np.float64] | None = None  # X, Y, Z of the last full frame behind a quick one
         self._unit_means: NDArray[np.float64] | None = None  # of the last full frame, see `_follow_powers`
         self._downloads: dict[str, NDArray[np.float32]] = {}  # of the present picture
 
@@ -171,6 +174,7 @@ class ProgressiveRenderer:
         is_in_drag = self.is_busy and (self._stage == "quick" or self._follows_quick_frame)
         self._requested, self._requested_at = scene, time.perf_counter()
         self._steps = None
+        self.light_by_gap.stop()
         self._stage, self._follows_quick_frame = "quick" if is_in_drag or self._is_slow(scene) else "full", False
         self._is_gain_old = not is_in_drag and not are_same(_gain_key(scene), self._gain_key)
 
@@ -252,6 +256,7 @@ class ProgressiveRenderer:
         """Ends the renderers and their search for a faster strategy."""
         if self._first is not None:
             wait([self._first])
+        self.light_by_gap.close()
         for renderer in (self._full, self._quick):
             if renderer is not None:
                 renderer.close()
@@ -312,9 +317,10 @@ class ProgressiveRenderer:
         assert renderer is not None and self._requested is not None
         self._version += 1
         self._downloads.clear()
+        is_known = is_quick and self._follow_gap(renderer, self._requested)
         if is_quick and self.full_scene is not None and _differ_in_powers_alone(self.full_scene, self._requested):
             self._follow_powers(renderer, self._requested)
-        elif is_quick and self._is_gain_old and not self._requested.system.is_chain:
+        elif is_quick and not is_known and self._is_gain_old and not self._requested.system.is_chain:
             self._foresee_brightness(renderer, self._requested)
         gain = self.quick_gain if is_quick else (1.0, 1.0, 1.0)
         self.picture = DeviceImage(renderer.xyz_buffer, renderer.compositor.shape, is_quick, self._version, gain)
@@ -324,6 +330,7 @@ class ProgressiveRenderer:
             return
         self._stage = "settle" if renderer.pending_count(with_srgb=False) else "done"
         self._follows_quick_frame, self.full_scene, self._unit_means = False, self._requested, None
+        self._full_mean = None
         self._compare_brightness()
 
     def _foresee_brightness(self, quick: Renderer, scene: Scene) -> None:
@@ -352,6 +359,20 @@ class ProgressiveRenderer:
         x, y, z = gains.tolist()
         self._gain_key, self.quick_gain = _gain_key(scene), (x, y, z)
 
+    def _follow_gap(self, quick: Renderer, scene: Scene) -> bool:
+        """Finds the gain of a quick frame whose gap alone is another than in the last full frame, if a table tells."""
+        if self.full_scene is None or self._full_mean is None:
+            return False
+        ratio = self.light_by_gap.ratio(self.full_scene, scene)
+        if ratio is None:
+            return False
+        shown = quick.xyz().mean(axis=(0, 1), dtype=np.float64)
+        if not shown.all():
+            return False
+        x, y, z = (self._full_mean * ratio / shown).tolist()
+        self._gain_key, self.quick_gain, self._is_gain_old = _gain_key(scene), (x, y, z), False
+        return True
+
     def _follow_powers(self, quick: Renderer, scene: Scene) -> None:
         """Finds the gain of a quick frame whose lasers' powers alone are others than in the last full frame.
 
@@ -377,8 +398,10 @@ class ProgressiveRenderer:
             return
         full, quick = self.xyz(), self._quick.xyz()
         if full is not None and quick.any(axis=(0, 1)).all():
-            x, y, z = full.mean(axis=(0, 1), dtype=np.float64) / quick.mean(axis=(0, 1), dtype=np.float64)
+            self._full_mean = full.mean(axis=(0, 1), dtype=np.float64)
+            x, y, z = self._full_mean / quick.mean(axis=(0, 1), dtype=np.float64)
             self._gain_key, self.quick_gain = _gain_key(self._requested), (float(x), float(y), float(z))
+            self.light_by_gap.prepare(self._requested)
 
 
 def _gain_key(scene: Scene) -> Inputs:
@@ -605,7 +628,7 @@ class SideRenderers:
             return self.now
         if side not in self._others:
             while len(self._others) >= _MAX_OTHERS:
-                self._others.pop(next(iter(self._others)))
+                self._others.pop(next(iter(self._others))).light_by_gap.stop()
             self._others[side] = ProgressiveRenderer(self._device)
         self._others[side] = self._others.pop(side)
         return self._others[side]
