@@ -59,6 +59,20 @@ def _optimise(gui: Gui) -> None:
     _until(gui, lambda: last_optimisation(gui.session) is not None and running_optimisation(gui.session) is None)
 
 
+def test_behind_a_quick_look_a_hint_stays_until_one_has_optimised(gui: Gui) -> None:
+    assert not gui.context.wants_better_patterns
+    gui.context.commands.run("Quick look")
+    _until(gui, lambda: running_optimisation(gui.session) is None)
+    gui.draw_frames(2)
+    assert gui.context.wants_better_patterns and "better patterns" in gui.context.item_rects
+    _choose(gui, iterations=1)
+    _optimise(gui)
+    assert not gui.context.wants_better_patterns
+    gui.context.commands.run("Quick look")
+    _until(gui, lambda: running_optimisation(gui.session) is None)
+    assert not gui.context.wants_better_patterns
+
+
 def test_optimise_is_followed_kept_and_taken_back(gui: Gui) -> None:
     old = gui.session.drive
     _choose(gui, iterations=5000)

@@ -11,12 +11,14 @@ import pytest
 from imgui_bundle import imgui
 
 from holoview import load
+from holoview.light.model import preset
 from holoview.light.model.bench_parts import Relay
 from holoview.light.model.stops import SquareStop
 from holoview.viewer.app import window
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.panels import ALL
 from holoview.viewer.app.panels.focus import FocusPanel
+from holoview.viewer.app.theme import THEMES
 from holoview.viewer.document import document
 from holoview.viewer.render.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import Gui, small_bench
@@ -401,6 +403,20 @@ def test_the_palette_finds_and_runs_a_command(gui: Gui) -> None:
     gui.press_chord("Enter")
     assert gui.session.view_settings.compare == "wipe"
     assert gui.context.help_overlay.page == ""
+
+
+def test_the_palette_has_what_menus_draw_themselves(gui: Gui) -> None:
+    """Themes, sizes of text, panels, presets and the layout: all but the files that were opened last."""
+    names = {command.name for command in gui.context.help_overlay.matches()}
+    assert {*(f"{name} theme" for name in THEMES), "Original layout", "Text size 150%"} <= names
+    assert {f"Open {name}" for name in preset.names()} <= names
+    assert {f"Show {each.panel.title}" for each in gui.app.panels} <= names
+    for theme in ("Light", "Dark"):
+        gui.press_chord("Ctrl+P")
+        gui.draw_frames(2)
+        gui.type_text(f"{theme.lower()} theme")
+        gui.press_chord("Enter")
+        assert gui.context.theme == theme
 
 
 def test_keys_typed_into_a_field_are_no_commands(gui: Gui) -> None:

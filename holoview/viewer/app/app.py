@@ -84,6 +84,7 @@ class App:
         for guarded in self.panels:
             guarded.panel.set_up(self.context)
         add_score_commands(self.context)
+        _add_menu_commands(self.context, [guarded.panel.title for guarded in self.panels])
         self._overlays = [DrawGuard(overlay.title, overlay.draw, session.messages) for overlay in self.context.overlays]
         self._is_stale = True
         self.awaits_frame = self.has_shown_image = False
@@ -268,6 +269,7 @@ _SPLITS = (
     ("MainDockSpace", "Right", imgui.Dir.right, 0.35),
     ("Right", "Low right", imgui.Dir.down, 0.50),
     ("MainDockSpace", "Bottom", imgui.Dir.down, 0.20),
+    ("MainDockSpace", "Above", imgui.Dir.up, 0.45),
 )
 """Docks: the one that is split, the new one, where it lies, and its share of the space."""
 _DOCK_NAMES = {"Centre": "MainDockSpace"}
@@ -496,12 +498,42 @@ def _draw_windows(context: AppContext) -> None:
         if clicked:
             window.is_visible = visible
     imgui.separator()
-    _draw_items(context, context.commands.of_group("Window"))
+    for name in THEMES:
+        if imgui.menu_item(f"{name} theme", "", context.theme == name)[0]:
+            context.set_theme(name)
     if imgui.begin_menu("Text size"):
         for size in theme.TEXT_SIZES:
             if imgui.menu_item(f"{size:.0%}", "", context.text_size == size)[0]:
                 context.set_text_size(size)
         imgui.end_menu()
+    if imgui.menu_item("Original layout", "", False)[0]:
+        _reset_layout()
+
+
+def _reset_layout() -> None:
+    hello_imgui.get_runner_params().docking_params.layout_reset = True
+
+
+def _add_menu_commands(context: AppContext, panels: Iterable[str]) -> None:
+    """Adds to the palette what the menus Window and Preset have; these draw their own items, which show a state."""
+    add = context.commands.add
+
+    def reset_layout() -> None:
+        _reset_layout()
+        context.window.wake()
+
+    def open_preset(name: str) -> None:
+        context.loader.open(name)
+
+    for title in panels:
+        add("Panel", f"Show {title}", partial(context.show_panel, title))
+    for name in THEMES:
+        add("Window", f"{name} theme", partial(context.set_theme, name))
+    for size in theme.TEXT_SIZES:
+        add("Window", f"Text size {size:.0%}", partial(context.set_text_size, size))
+    add("Window", "Original layout", reset_layout)
+    for name in preset.names():
+        add("Preset", f"Open {name}", partial(open_preset, name))
 
 
 # --- The commands that belong to no panel: undo, redo, random patterns, the still life, quit, help ---
@@ -541,16 +573,8 @@ def add_general_commands(context: AppContext) -> None:
     if not context.is_read_only:
         help = "All is saved as it is, and offered at the next start."
         add("File", "Quit", context.window.request_close, "Ctrl+Q", help)
-    for name in THEMES:
-        is_other = partial(lambda name: context.theme != name, name)
-        add("Window", f"{name} theme", partial(context.set_theme, name), is_enabled=is_other)
-    add("Window", "Original layout", _restore_layout, help="All panels where they were at first.")
     add("Help", "Keys", lambda: toggle("keys"), "? F1", "Every key and what it does.")
     add("Help", "Commands", lambda: toggle("palette"), "Ctrl+P Ctrl+Shift+P", "Type what you want to do.")
-
-
-def _restore_layout() -> None:
-    hello_imgui.get_runner_params().docking_params.layout_reset = True
 
 
 def _randomise(context: AppContext) -> None:
@@ -600,6 +624,11 @@ def draw_status(context: AppContext) -> None:
         imgui.same_line(spacing=20)
         imgui.text_colored(theme.signal_colour("error"), "not saved")
         tooltip(f"{context.session.save_problem}. It is tried again every few seconds.")
+    if context.wants_better_patterns:
+        imgui.same_line(spacing=20)
+        imgui.text_colored(theme.signal_colour("accent"), "Ctrl+Enter: better patterns")
+        tooltip("This hologram is of a quick look: few iterations for one plane, with large pixels.")
+        context.record_item_rect("better patterns")
     for job in context.session.jobs.active:
         imgui.same_line(spacing=20)
         imgui.text(f"{job.title} {job.fraction:.0%}" if job.control.total > 0 else format_job(job))

@@ -27,7 +27,7 @@ from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.file_loader import FileLoader, most_samples_for
 from holoview.viewer.document.focus_edits import PupilMotion
 from holoview.viewer.document.measurements import LimitNotes, LiveMeasurement, LiveScore, ShownImage
-from holoview.viewer.document.optimisation_job import RetinalCurves
+from holoview.viewer.document.optimisation_job import RetinalCurves, last_optimisation
 from holoview.viewer.document.received_fields import ReceivedFields
 from holoview.viewer.document.recording_edits import RecordingEditor
 from holoview.viewer.document.session_store import SessionStore
@@ -321,6 +321,7 @@ class AppContext:
         self.theme = stored_theme if stored_theme in theme.THEMES else theme.THEMES[0]
         stored_size = store.preferences.get("text_size", 1.0) if store is not None else 1.0
         self.text_size = stored_size if stored_size in theme.TEXT_SIZES else 1.0
+        self._has_optimised = store is not None and store.preferences.get("has_optimised", False) is True
         self.help_overlay = HelpOverlay(self.commands, self._run_command)
         self.overlays: list[Overlay] = [self.help_overlay]
         self.displayed_pixels: Callable[[], NDArray[np.uint8] | None] = lambda: None
@@ -400,6 +401,19 @@ class AppContext:
         """Stores the rectangle of the item that ImGui drew last, for scripts and tests."""
         low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
         self.item_rects[name] = (low.x, low.y, high.x, high.y)
+
+    @property
+    def wants_better_patterns(self) -> bool:
+        """Whether a quick look at the target is all there is, by a user who has never optimised."""
+        job = last_optimisation(self.session)
+        is_quick = job is not None and job.status == "done" and job.request.only_plane_m is not None
+        return is_quick and not self._has_optimised and job.start_document.target_spec is self.session.target_spec
+
+    def set_optimised(self) -> None:
+        """Keeps that the user has optimised, and needs no hint any more."""
+        if not self._has_optimised and self.store is not None:
+            self.attempt(self.store.preferences.set, "has_optimised", True)
+        self._has_optimised = True
 
     def set_theme(self, name: str) -> None:
         """Applies a theme of `theme.THEMES` and stores the choice."""

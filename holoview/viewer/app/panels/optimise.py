@@ -119,6 +119,7 @@ class OptimisePanel(Panel):
     def start(self, context: AppContext) -> None:
         """Starts an optimisation with the chosen settings, and brings this panel to the front."""
         session = context.session
+        context.set_optimised()
         context.show_panel(self.title)
         context.attempt(
             lambda: start_optimisation(session, chosen_optimisation(session.optimisation_choices, session.system))
