@@ -20,6 +20,7 @@ from holoview.holograms.optimise.kernel_choice import Compiler, choose_kernels, 
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
+from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 
@@ -383,3 +384,15 @@ def test_another_process_compiles_and_remembers(cache_folder: Path, monkeypatch:
     assert not work.is_busy
     assert not will_compile("cpu")
     assert any((cache_folder / "holoview" / "numba").iterdir())
+
+
+@pytest.mark.parametrize(("iterations", "tells"), [(3, False), (3000, True)])
+def test_compiling_is_told_only_of_an_optimisation_that_lasts_until_it_is_done(
+    iterations: int, tells: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(solve, "will_compile", lambda device: True)
+    monkeypatch.setattr(solve, "_WORK_BESIDE", 1e6)
+    system = preset.load("holochrome-8").with_(shape=[16, 24], planes=["10 mm"])
+    stack, told = np.full((1, *make_plan(system).grid.shape, 3), 0.2, np.float32), list[str]()
+    next(iter(solve.iterate(system, stack, Settings(iterations=iterations), beside=told.append)))
+    assert [text.startswith("compiling for this processor") for text in told] == [True] * tells

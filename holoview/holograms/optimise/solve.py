@@ -190,7 +190,8 @@ class Optimiser:
         self.progress = replace(_NOTHING_DONE, iteration=done)
         if compiles:
             self.progress = replace(self.progress, by_torch=done + self._beside)
-            self._tell(f"compiling for this processor, once, beside the first {self._beside} iterations")
+            if self.progress.by_torch <= settings.iterations:  # a short run ends before
+                self._tell(f"compiling for this processor, once, beside the first {self._beside} iterations")
         if resume is not None:
             self._resume(resume)
         elif self.variables.wavelengths.adjusted:
