@@ -406,8 +406,9 @@ class AppContext:
     def wants_better_patterns(self) -> bool:
         """Whether a quick look at the target is all there is, by a user who has never optimised."""
         job = last_optimisation(self.session)
-        is_quick = job is not None and job.status == "done" and job.request.only_plane_m is not None
-        return is_quick and not self._has_optimised and job.start_document.target_spec is self.session.target_spec
+        if self._has_optimised or job is None or job.status != "done" or job.request.only_plane_m is None:
+            return False
+        return job.start_document.target_spec is self.session.target_spec
 
     def set_optimised(self) -> None:
         """Keeps that the user has optimised, and needs no hint any more."""
