@@ -842,7 +842,9 @@ function showStored(reason) {
         showView(state.view)
         writeSummary([["Shown", viewName(state.view)], ["Focal plane", WHOLE_MM(planes_m[index])], ["Picture", "rendered when the file was written"]])
     }
-    const showView = connectViews(views().filter(view => !view.startsWith("wipe")), view => {
+    const stored = views().filter(view => !view.startsWith("wipe"))
+    $("compare").hidden = stored.length < 2
+    const showView = connectViews(stored, view => {
         state.view = view
         show()
     })
@@ -856,6 +858,7 @@ function showStored(reason) {
 // --- start --------------------------------------------------------------------------------------------------------------
 
 async function start() {
+    new ResizeObserver(([{ target }]) => { $("scrolls").hidden = target.scrollWidth <= target.clientWidth }).observe($("bench"))
     $("frame").style.setProperty("--aspect", `${PAGE.shape[1]} / ${PAGE.shape[0]}`)
     const linked = linkedState(PAGE.holograms[0].bench)
     showPicture(storedView(linked.view), linked.plane_m) // until the first image is computed

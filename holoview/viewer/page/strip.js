@@ -31,7 +31,6 @@ function stripLengths(bench) {
 // Makes the parts of the drawing ones that can be chosen; returns what writes the state's numbers into it.
 function connectStrip(viewer, change) {
     const svg = $("bench").querySelector("svg")
-    new ResizeObserver(([{ target }]) => { $("scrolls").hidden = target.scrollWidth <= target.clientWidth }).observe($("bench"))
     const lengths = stripLengths(viewer.bench)
     const texts = [...svg.querySelectorAll("text[data-key]")]
     const parts = PAGE.bench_areas.map(([key, [left, top, right, bottom]], index) => {
