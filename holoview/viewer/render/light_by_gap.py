@@ -48,6 +48,7 @@ class LightByGap:
 
     def __init__(self) -> None:
         self._table: _Table | None = None
+        self._begun: tuple[Any, System, dict[float, list[float]]] | None = None  # of a drive and a bench, by the gap
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
 
@@ -108,17 +109,21 @@ class LightByGap:
             return
         bench, gap_m = _apart_from_gap(scene.system), scene.system.gap_m
         assert gap_m is not None
-        gaps_m, powers = [], []
-        for gap in gap_m * np.array(_GAPS):
+        if self._begun is None or self._begun[0] is not scene.drive or self._begun[1] != bench:
+            self._begun = scene.drive, bench, {}
+        found = self._begun[2]
+        for gap in (gap_m * np.array(_GAPS)).tolist():
             with suppress(UserError):  # a gap that this bench can't have
-                powers.append(_powers(bench.with_(gap=float(gap)), scene.drive, stop))
-                gaps_m.append(float(gap))
-            if stop.is_set():
-                return
-        if len(gaps_m) > 1:
+                powers = found[gap] if gap in found else _powers(bench.with_(gap=gap), scene.drive, stop)
+                if stop.is_set():
+                    return
+                found[gap] = powers
+        if len(found) > 1:
             from scipy.interpolate import PchipInterpolator  # slow start
 
-            self._table = _Table(scene.drive, bench, gaps_m[-1], PchipInterpolator(gaps_m, np.array(powers)))
+            gaps_m = sorted(found)
+            powers_at = PchipInterpolator(gaps_m, np.array([found[gap] for gap in gaps_m]))
+            self._table = _Table(scene.drive, bench, gaps_m[-1], powers_at)
 
 
 def _apart_from_gap(system: System) -> System:
