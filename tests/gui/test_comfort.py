@@ -81,15 +81,6 @@ def test_without_a_folder_that_can_be_written_to_it_starts_and_says_so(device: D
         app.close()
 
 
-def test_themes_are_commands_which_the_palette_finds(gui: Gui) -> None:
-    for name in ("Light", "Dark"):
-        gui.context.commands.run(f"{name} theme")
-        assert gui.context.theme == name
-    assert {"Dark theme", "Light theme", "Original layout"} <= {
-        of.name for of in gui.context.commands.of_group("Window")
-    }
-
-
 def test_recent_files_are_in_the_menu(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     picture = tmp_path / "red.png"
     Image.fromarray(np.full((8, 8, 3), (200, 10, 10), np.uint8)).save(picture)

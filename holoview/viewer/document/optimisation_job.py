@@ -221,8 +221,7 @@ class OptimisationJob(BackgroundJob):
         light = f", {latest.light_text}" if latest.light_text else ""
         label = f"Optimise, {latest.iteration} iterations, {latest.best_psnr_db:.1f} dB{light}"
         session.edit(label, system=system, drive=result.drive, origin=result.origin, path=None)
-        more = "; Ctrl+Enter makes it better, for all planes" if self.request.only_plane_m is not None else ""
-        session.messages.post(f"{label}: {latest.loss:.4g} loss{more}")
+        session.messages.post(f"{label}: {latest.loss:.4g} loss")
 
     def _with_later_edits(self, result: Document) -> tuple[System, str]:
         """The bench as it was edited during the optimisation, if it can show the result; and a message for the user."""
