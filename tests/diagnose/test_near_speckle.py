@@ -15,10 +15,11 @@ from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import beam_of_brightness
-from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
+from holoview.bench.diagnose.search_context import SearchEnded
+from holoview.bench.diagnose.speckle_evidence import describe_light, light_by_speckle, window_for_light
 from holoview.bench.diagnose.speckle_search import STEPS, SpeckleSearch
 from holoview.light.model.effects.registry import listed_effects
-from holoview.util.progress import no_progress
+from holoview.util.progress import ProgressCallback, no_progress
 from tests.explored import explored
 
 RADIUS_PX, STROKE, HALF_PX = 15.0, 0.7, 32.0
@@ -58,13 +59,34 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
 
 
+def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> None:
+    """Between its kicks: all parts are handed on, as nothing has judged them; earlier there is nothing to keep."""
+    drawn = _nominal("near", 1)
+    beam = Beam(RADIUS_PX, 2.0, (2.0, -4.0))
+    window = _captures(replace(drawn, bench=replace(drawn.bench, beam=beam, stroke_m=0.7e-6)), tmp_path)
+
+    def end_at(most: int) -> ProgressCallback:
+        def progress(done: int, total: int, what: str) -> None:
+            if done >= most:
+                raise SearchEnded
+
+        return progress
+
+    light = light_by_speckle(window, end_at(12))
+    assert light is not None and light.was_ended and not light.losses
+    assert {"beam", "stroke", "undiffracted", "camera_black"} <= light.values.keys()
+    assert "ended early" in describe_light(light)
+    with pytest.raises(SearchEnded):
+        light_by_speckle(window, end_at(3))
+
+
 def test_a_near_field_without_faults_needs_no_such_search(tmp_path: Path) -> None:
     """The nominal bench predicts the pictures."""
     captures = _captures(_nominal("near", 1), tmp_path)
     assert window_for_light(captures, list(listed_effects())) is None
 
 
-@pytest.mark.parametrize("kind", ["near", "near-two"])
+@pytest.mark.parametrize("kind", explored(["near", "near-two"], 1))
 def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) -> None:
     """Whatever the stroke and the wavefront are, which move light by less than the cells of 16 pixels."""
     radius_px, centre_px = 40.0, (5.0, -8.0)
@@ -79,7 +101,7 @@ def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) 
     np.testing.assert_allclose(found_px, [radius_px, *centre_px], atol=0.15 * radius_px)
 
 
-@pytest.mark.parametrize("kind", ["near", "near-two"])
+@pytest.mark.parametrize("kind", explored(["near", "near-two"], 1))
 def test_even_light_has_no_beam(kind: str, tmp_path: Path) -> None:
     """Though nothing else is as assumed."""
     drawn = _nominal(kind, 1, (96, 128))

@@ -287,6 +287,8 @@ def _search_light(
 
     try:
         light = light_by_speckle(window, progress)
+        if request.is_asked:
+            raise SearchEnded
     except SearchEnded:
         tell("The search by speckle was ended before it had found the light")
         return None

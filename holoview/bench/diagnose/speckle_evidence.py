@@ -66,9 +66,12 @@ def describe_light(light: FoundLight) -> str:
     parts = ", ".join(f"{part} {lost:.3f} ({sigmas:.1f} σ)" for part, (lost, sigmas) in light.losses.items())
     told = (
         "The light on the modulator was sought by speckle in the brightest window, which was judged. On held-out "
-        f"pixels the correlation of local contrasts went from {light.before:.2f} to {light.after:.2f}. Without each "
-        f"part it is lower by: {parts}."
+        f"pixels the correlation of local contrasts went from {light.before:.2f} to {light.after:.2f}."
     )
+    if light.was_ended:
+        told += " This search was ended early: with more time it may find better light."
+    else:
+        told += f" Without each part it is lower by: {parts}."
     if light.explained is None:
         return told
     return f"{told} A beam explains {max(light.explained, 0.0):.0%} of the brightness that even light leaves."

@@ -25,6 +25,7 @@ from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import PreparedCaptures
 from holoview.bench.captures.speckle_measure import SpeckleMeasure
 from holoview.bench.captures.speckle_retrieval import LightRetrieval, NearestBeam, beam_of_brightness
+from holoview.bench.diagnose.search_context import SearchEnded
 from holoview.light.effects.beam import WAVEFRONT_TERMS
 from holoview.light.model.effects.effect import Effect, Parameter, Values
 from holoview.light.model.effects.hook_contexts import ModulatorContext
@@ -156,7 +157,8 @@ class FoundLight:
     values: of the effects, {id: {parameter: value}}. before, after: correlation of the held-out speckle at the nominal
     bench and with the values. losses: of each part of the light, by how much this correlation is lower without it, and
     by how many standard deviations; parts that aren't in `values` too. explained: what a near field's beam explains of
-    the brightness that even light leaves; None of a Fourier bench, where speckle tells the beam.
+    the brightness that even light leaves; None of a Fourier bench, where speckle tells the beam. was_ended: whether the
+    search was ended before its parts were judged.
     """
 
     values: dict[str, dict[str, float]]
@@ -164,6 +166,7 @@ class FoundLight:
     after: float
     losses: dict[str, tuple[float, float]]
     explained: float | None = None
+    was_ended: bool = False
 
 
 @dataclass(frozen=True)
@@ -396,51 +399,35 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
     """The light that makes the speckle of pictures stand, as values of effects. seed: of the random kicks.
 
     data: one or a few pictures. part: a smaller window of them, in which the light is sought before it is refined and
-    judged.
+    judged. progress: may raise `SearchEnded`: then the best light so far counts, with all of its parts; before there is
+    one, the exception is passed on.
     """
     told, steps = "light on the modulator, by speckle", _STAGES + len(PARTS)
     nominal = SpeckleSearch(data)
     before, shape, explained = nominal.held_out(None), NO_SHAPE, None
     if not data.captures.is_fourier:
         shape, explained = nominal.shape_of_brightness(_nominal_point())
-    first = _from_retrieved(part, shape, lambda number: progress(number, steps, told))
-    if first.score <= _CLEAR:
-        progress(_SCANS + _LEADERS, steps, told)
-        first = max(first, _from_simple_beams(part, shape), key=lambda one: one.score)
-    score, point, circle, factor = first.score, first.point, first.circle, first.factor
-    search = SpeckleSearch(_scaled(part, factor), circle, shape)
-    rng = np.random.default_rng(seed)
-    for number in range(_KICKS):
-        progress(_SCANS + _LEADERS + 1 + number, steps, told)
-        if number in (0, _KICKS - 1):
-            factor = _climbed(part, partial(_score_of, part, circle, shape, point), factor, is_fine=True)
-            search = SpeckleSearch(_scaled(part, factor), circle, shape)
-            score = search.score(point)
-        if score > _CLEAR:
-            continue
-        other = search.ascend(search.moved_to_peak(_kicked(point, number, rng) | dict(shape))[1], 14)
-        if other[0] > score + _LEAST_STEP:
-            score, point = other
-    search = SpeckleSearch(_scaled(data, factor), circle, shape)
-    score = search.score(point)
-    for _ in range(3):
-        polished = search.ascend(point, 20, rate=0.5)
-        gained, (score, point) = polished[0] - score, max(polished, (score, point), key=lambda one: one[0])
-        if gained < 2 * _LEAST_STEP:
-            break
-    if shape:
-        search.shape, explained = search.shape_of_brightness(point)
-        point = search.ascend(point | dict(search.shape), 12, rate=0.5)[1]
-    point, losses = without_superfluous(search, point, lambda number: progress(_STAGES + number, steps, told))
+    found, was_ended = _sought(part, shape, lambda number: progress(number, steps, told), np.random.default_rng(seed))
+    point, losses = found.point, dict[str, tuple[float, float]]()
+    search = SpeckleSearch(_scaled(data, found.factor), found.circle, shape)
+    if not was_ended:
+        point = _polished(search, point)
+        if shape:
+            search.shape, explained = search.shape_of_brightness(point)
+            point = search.ascend(point | dict(search.shape), 12, rate=0.5)[1]
+        try:
+            point, losses = without_superfluous(search, point, lambda number: progress(_STAGES + number, steps, told))
+        except SearchEnded:
+            was_ended = True
     dropped = [part for part, loss in losses.items() if not _is_needed(loss)]
     if search.shape == _EVEN:
         dropped.append("shape")
     values = search.effect_values(point, dropped)
     if data.captures.is_fourier:
-        values["camera_alignment"]["magnification"] = factor - 1
-    elif factor != 1:
-        values["distance"] = {"distance_error": (factor - 1) * float(data.captures.distance_m[0])}
-    return FoundLight(values, before, search.held_out(point), losses, explained)
+        values["camera_alignment"]["magnification"] = found.factor - 1
+    elif found.factor != 1:
+        values["distance"] = {"distance_error": (found.factor - 1) * float(data.captures.distance_m[0])}
+    return FoundLight(values, before, search.held_out(point), losses, explained, was_ended)
 
 
 @dataclass(frozen=True)
@@ -451,6 +438,46 @@ class _Leader:
     point: Point
     circle: Circle
     factor: float
+
+
+def _sought(
+    part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None], rng: np.random.Generator
+) -> tuple[_Leader, bool]:
+    """The best light of a window, from retrieved ones, simple beams and kicks; and whether the search was ended."""
+    best = _from_retrieved(part, shape, progress)
+    try:
+        if best.score <= _CLEAR:
+            progress(_SCANS + _LEADERS)
+            best = max(best, _from_simple_beams(part, shape), key=lambda one: one.score)
+        search = SpeckleSearch(_scaled(part, best.factor), best.circle, shape)
+        for number in range(_KICKS):
+            progress(_SCANS + _LEADERS + 1 + number)
+            if number in (0, _KICKS - 1):
+                factor = _climbed(
+                    part, partial(_score_of, part, best.circle, shape, best.point), best.factor, is_fine=True
+                )
+                search = SpeckleSearch(_scaled(part, factor), best.circle, shape)
+                best = dataclasses.replace(best, factor=factor, score=search.score(best.point))
+            if best.score > _CLEAR:
+                continue
+            kicked = _kicked(best.point, number, rng) | dict(shape)
+            score, point = search.ascend(search.moved_to_peak(kicked)[1], 14)
+            if score > best.score + _LEAST_STEP:
+                best = dataclasses.replace(best, score=score, point=point)
+    except SearchEnded:
+        return best, True
+    return best, False
+
+
+def _polished(search: SpeckleSearch, point: Point) -> Point:
+    """The point after ascents in small steps, as long as they gain."""
+    score = search.score(point)
+    for _ in range(3):
+        polished = search.ascend(point, 20, rate=0.5)
+        gained, (score, point) = polished[0] - score, max(polished, (score, point), key=lambda one: one[0])
+        if gained < 2 * _LEAST_STEP:
+            break
+    return point
 
 
 def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
