@@ -16,8 +16,6 @@ from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.light_budget import light_budget
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
-from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.optimisation_job import start_quick_optimisation
 
 _PHASE = {"kind": "phase", "pitch": 8e-6, "shape": (12, 16), "stroke": 800e-9}
 _COMPLEX = {"kind": "complex", "pitch": 16e-6, "shape": (6, 8), "name": "wide"}
@@ -34,7 +32,6 @@ def _hologram() -> hv.Hologram:
 
 
 REFUSING: dict[str, Callable[[], Any]] = {
-    "an optimisation in the window": lambda: start_quick_optimisation(EditingSession(_chain())),
     "a film": lambda: list(follow(_chain(), [_STACK], _SETTINGS)),
     "the optimiser's problem": lambda: Problem(_chain(), _STACK, _SETTINGS),
     "the light budget": lambda: light_budget(hv.make_plan(_chain()), _hologram().drive),

@@ -66,14 +66,3 @@ def test_it_is_painted(gui: Gui) -> None:
     assert np.mean(np.all(seen == 255, axis=-1)) > 0.3  # its ground is white
     for colour in ((0xCF, 0xE8, 0xD5), (0x27, 0x36, 0x4B), (0x8F, 0xB7, 0xDD)):  # light, a modulator, a lens
         assert np.any(np.all(np.abs(seen.astype(int) - colour) <= 3, axis=-1)), colour
-
-
-@pytest.mark.parametrize("size", [(1024, 700), (1280, 800)])
-def test_the_image_stays_visible_beside_the_drawing(size: tuple[int, int], make_gui: Callable[..., Gui]) -> None:
-    gui = make_gui(small_bench(), size)
-    gui.context.commands.run("Draw the bench")
-    gui.draw_until_idle()
-    gui.draw_frames(3)
-    area = gui.app.panel(ImagePanel).picture.visible_area
-    assert area is not None and min(area.size) >= 200
-    gui.item_position("bench drawing")

@@ -269,7 +269,6 @@ _SPLITS = (
     ("MainDockSpace", "Right", imgui.Dir.right, 0.35),
     ("Right", "Low right", imgui.Dir.down, 0.50),
     ("MainDockSpace", "Bottom", imgui.Dir.down, 0.20),
-    ("MainDockSpace", "Above", imgui.Dir.up, 0.45),
 )
 """Docks: the one that is split, the new one, where it lies, and its share of the space."""
 _DOCK_NAMES = {"Centre": "MainDockSpace"}

@@ -22,8 +22,8 @@ _BARE = (  # a tab has a cross of its own, and in a small window all tabs are to
 class Panel(ABC):
     """A dockable window of the viewer.
 
-    title: its name for people, menus and tests. dock: where it is at first, "Left", "Centre", "Above" it, "Right",
-    "Low right" or "Bottom". starts_open: whether it is visible then. flags: of ImGui's window.
+    title: its name for people, menus and tests. dock: where it is at first, "Left", "Centre", "Right", "Low right" or
+    "Bottom". starts_open: whether it is visible then. flags: of ImGui's window.
     """
 
     title: ClassVar[str]

@@ -39,7 +39,7 @@ class DrawingPanel(Panel):
     """
 
     title = "Drawing"
-    dock = "Above"
+    dock = "Centre"
     starts_open = False
 
     def __init__(self) -> None:
