@@ -17,7 +17,7 @@ from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import beam_of_brightness
 from holoview.bench.diagnose.search_context import SearchEnded
 from holoview.bench.diagnose.speckle_evidence import describe_light, light_by_speckle, window_for_light
-from holoview.bench.diagnose.speckle_search import STEPS, SpeckleSearch
+from holoview.bench.diagnose.speckle_search import NOMINAL, SpeckleSearch
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import ProgressCallback, no_progress
 from tests.explored import explored
@@ -95,7 +95,7 @@ def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) 
     stroke_m = drawn.bench.stroke_m * STROKE
     spoilt = replace(drawn.bench, beam=beam, wave=WAVE, wave_radius_px=radius_px, stroke_m=stroke_m)
     search = SpeckleSearch(prepare_captures(_captures(replace(drawn, bench=spoilt), tmp_path)))
-    shape, explained = search.shape_of_brightness(dict.fromkeys(STEPS, 0.0) | {"stroke": 1.0})
+    shape, explained = search.shape_of_brightness(NOMINAL)
     assert explained > 0.5 and search.shows_a_beam()
     found_px = np.array([math.exp(-shape["log_size"]), shape["centre_y"], shape["centre_x"]]) * 64
     np.testing.assert_allclose(found_px, [radius_px, *centre_px], atol=0.15 * radius_px)

@@ -214,30 +214,28 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     ids = [effect.id for effect in request.candidates]
     window = None if request.known else window_for_light(records.captures, ids)
     of_light = partial(_search_light, records, has_time=has_time, tell=said.append)
+
+    def told(diagnosis: Diagnosis, notes: tuple[str, ...] = ()) -> Diagnosis:
+        return replace(diagnosis, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
+
     is_first = window is not None and (captures.is_fourier or shows_a_beam(window))  # where single causes mislead
     judged = None if window is None or not is_first else of_light(window)
-    notes: tuple[str, ...] = ()
-    is_enough = judged is not None and (
+    if judged is not None and (
         captures.is_fourier or not _is_far(judged) or request.is_asked or has_time.is_nearly_over
-    )
-    if judged is None or not is_enough:
-        usual = has_time.left(1.0 if window is None or is_first else _USUAL_SHARE)
-        diagnosis, notes = _search_causes(captures, records, usual)
-        if window is not None and not is_first and _is_far(diagnosis) and not request.is_asked:
-            judged = of_light(window)
-    if judged is not None and (is_enough or _is_better(judged, diagnosis)):
-        diagnosis, notes = judged, ()
-    return replace(diagnosis, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
+    ):
+        return told(judged)
+    is_later = window is not None and not is_first
+    usual, notes = _search_causes(captures, records, has_time.left(_USUAL_SHARE if is_later else 1.0))
+    if window is not None and is_later and _is_far(usual) and not request.is_asked:
+        judged = of_light(window)
+    if judged is not None and judged.causes and judged.after.chi2_per_pixel < usual.after.chi2_per_pixel:
+        return told(judged)
+    return told(usual, notes)
 
 
 def _is_far(diagnosis: Diagnosis) -> bool:
     """Whether it leaves much unexplained."""
     return diagnosis.verdict in _OPEN and diagnosis.after.chi2_per_pixel > FAR_CHI2
-
-
-def _is_better(judged: Diagnosis, usual: Diagnosis) -> bool:
-    """Whether a diagnosis by speckle explains more than one by derivatives."""
-    return bool(judged.causes) and judged.after.chi2_per_pixel < usual.after.chi2_per_pixel
 
 
 class _Clock:

@@ -57,7 +57,8 @@ def shows_a_beam(window: Captures) -> bool:
 
 def light_by_speckle(window: Captures, progress: ProgressCallback) -> FoundLight | None:
     """The light that makes the speckle of a window stand; None where none does."""
-    found = find_light(prepare_captures(window), prepare_captures(window_of(window, _PART_PX)), progress)
+    data, part = prepare_captures(window), window_of(window, _PART_PX)
+    found = find_light(data, data if part is window else prepare_captures(part), progress)
     return found if found.after > max(found.before + _GAIN, _LEAST) else None
 
 

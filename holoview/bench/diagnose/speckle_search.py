@@ -39,7 +39,7 @@ Tensor = torch.Tensor
 Point = dict[str, float]
 
 _TERMS = tuple(range(2, 12))  # Noll: tilts, defocus, astigmatism, coma, trefoil, spherical
-STEPS: dict[str, float] = {
+_STEPS: dict[str, float] = {
     "log_size": 0.04,
     "edge": 0.15,
     "centre_y": 0.03,
@@ -55,6 +55,8 @@ wavefront."""
 _BOUNDS = {"log_size": (-1.5, 2.5), "edge": (0.8, 6.0), "stroke": (0.15, 2.2), "stray": (0.0, 1.0)}
 _EVEN = {"log_size": _BOUNDS["log_size"][0], "edge": 2.0, "centre_y": 0.0, "centre_x": 0.0}
 """Light that falls by 0.3 % of its amplitude from the middle to the corners: even."""
+NOMINAL: Point = dict.fromkeys(_STEPS, 0.0) | _EVEN | {"stroke": 1.0}
+"""Even light without a wavefront, and the assumed stroke."""
 PARTS: dict[str, dict[str, float]] = {
     "shape": _EVEN,
     "defocus": {"z4": 0.0},
@@ -201,7 +203,7 @@ class SpeckleSearch:
 
     def near(self, beam: NearestBeam, stroke: float) -> Point:
         """The point of a beam with a wavefront."""
-        point = dict.fromkeys(STEPS, 0.0) | {"stroke": stroke}
+        point = dict.fromkeys(_STEPS, 0.0) | {"stroke": stroke}
         point |= {"log_size": -math.log(beam.radius), "edge": beam.edge}
         point |= {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}
         point |= {f"z{noll}": radians for noll, radians in beam.terms.items()}
@@ -242,14 +244,14 @@ class SpeckleSearch:
     def ascend(self, point: Point, steps: int, rate: float = 1.0, fixed: Collection[str] = ()) -> tuple[float, Point]:
         """The best point of an ascent by Adam, with its score. fixed: numbers that stay."""
         fixed = {*fixed, *self.shape}
-        moves = {name: torch.zeros((), requires_grad=True) for name in STEPS if name not in fixed}
+        moves = {name: torch.zeros((), requires_grad=True) for name in _STEPS if name not in fixed}
         adam = torch.optim.Adam(moves.values(), lr=rate, betas=(0.8, 0.95))
         best = (-1.0, point)
         for number in range(steps):
             for group in adam.param_groups:
                 group["lr"] = rate * (1 - 0.85 * number / steps)
             values = {
-                name: _bounded(name, value + STEPS[name] * moves[name]) if name in moves else torch.tensor(value)
+                name: _bounded(name, value + _STEPS[name] * moves[name]) if name in moves else torch.tensor(value)
                 for name, value in point.items()
             }
             score = self._measure.correlation(self._predicted(values), self._measure.fitted)
@@ -282,7 +284,7 @@ class SpeckleSearch:
 
     def shows_a_beam(self) -> bool:
         """Whether a near field's brightness shows a beam at the nominal bench."""
-        return self.shape_of_brightness(_nominal_point())[1] > 0
+        return self.shape_of_brightness(NOMINAL)[1] > 0
 
     def effect_values(self, point: Point, dropped: Collection[str]) -> dict[str, dict[str, float]]:
         """The values of effects that make the light of a point. dropped: parts that it doesn't have."""
@@ -406,7 +408,7 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
     nominal = SpeckleSearch(data)
     before, shape, explained = nominal.held_out(None), NO_SHAPE, None
     if not data.captures.is_fourier:
-        shape, explained = nominal.shape_of_brightness(_nominal_point())
+        shape, explained = nominal.shape_of_brightness(NOMINAL)
     found, was_ended = _sought(part, shape, lambda number: progress(number, steps, told), np.random.default_rng(seed))
     point, losses = found.point, dict[str, tuple[float, float]]()
     search = SpeckleSearch(_scaled(data, found.factor), found.circle, shape)
@@ -566,10 +568,6 @@ def without_superfluous(
 
 def _is_needed(loss: tuple[float, float]) -> bool:
     return loss[0] > LEAST_LOSS and loss[1] > LEAST_SIGMAS
-
-
-def _nominal_point() -> Point:
-    return dict.fromkeys(STEPS, 0.0) | _EVEN | {"stroke": 1.0}
 
 
 def _scaled(data: PreparedCaptures, factor: float) -> PreparedCaptures:
