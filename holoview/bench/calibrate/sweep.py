@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from holoview.util.errors import UserError
 from holoview.util.files import opened_file, read_text
 from holoview.util.number_text import find_layout, read_csv
-from holoview.util.plain_arrays import read_npy_header
+from holoview.util.plain_arrays import read_npy_arrays
 from holoview.util.units import format_rounded
 
 Floats = NDArray[np.float64]
@@ -129,13 +129,16 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
 def _read_array(file: Path) -> Floats:
     """The numbers of a .npy file as a table (row, column)."""
     with opened_file(file, f"an array of {_EXPECTED}") as opened:
-        header = read_npy_header(opened, os.fstat(opened.fileno()).st_size, str(file))
-        if math.prod(header.shape) > _MOST_NUMBERS or header.dtype.kind == "c" or len(header.shape) not in (1, 2):
-            raise UserError("array", f"shape {header.shape} of {header.dtype}", expected=_EXPECTED)
-        values = header.array(opened.read(header.nbytes)).astype(np.float64)
+        arrays = read_npy_arrays(file, opened)
+    if len(arrays) != 1:
+        raise UserError("array", f"{len(arrays)} arrays", expected=f"one: {_EXPECTED}")
+    found = arrays[0]
+    if found.size > _MOST_NUMBERS or found.dtype.kind == "c" or found.ndim not in (1, 2):
+        raise UserError("array", f"shape {found.shape} of {found.dtype}", expected=_EXPECTED)
+    values = found.astype(np.float64)
     table = values[:, None] if values.ndim == 1 else values.T if len(values) <= 3 else values
     if not 1 <= table.shape[1] <= 3:
-        raise UserError("array", f"shape {header.shape}", expected=_EXPECTED)
+        raise UserError("array", f"shape {found.shape}", expected=_EXPECTED)
     if not np.isfinite(table).all():
         row = int(np.argmax(~np.isfinite(table).all(axis=1)))
         raise UserError(f"row {row}", "isn't finite", expected=_EXPECTED)
