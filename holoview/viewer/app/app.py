@@ -506,20 +506,17 @@ def _draw_windows(context: AppContext) -> None:
                 context.set_text_size(size)
         imgui.end_menu()
     if imgui.menu_item("Original layout", "", False)[0]:
-        _reset_layout()
+        _reset_layout(context)
 
 
-def _reset_layout() -> None:
+def _reset_layout(context: AppContext) -> None:
     hello_imgui.get_runner_params().docking_params.layout_reset = True
+    context.window.wake()
 
 
 def _add_menu_commands(context: AppContext, panels: Iterable[str]) -> None:
     """Adds to the palette what the menus Window and Preset have; these draw their own items, which show a state."""
     add = context.commands.add
-
-    def reset_layout() -> None:
-        _reset_layout()
-        context.window.wake()
 
     def open_preset(name: str) -> None:
         context.loader.open(name)
@@ -530,7 +527,7 @@ def _add_menu_commands(context: AppContext, panels: Iterable[str]) -> None:
         add("Window", f"{name} theme", partial(context.set_theme, name))
     for size in theme.TEXT_SIZES:
         add("Window", f"Text size {size:.0%}", partial(context.set_text_size, size))
-    add("Window", "Original layout", reset_layout)
+    add("Window", "Original layout", partial(_reset_layout, context))
     for name in preset.names():
         add("Preset", f"Open {name}", partial(open_preset, name))
 
