@@ -17,7 +17,7 @@ from holoview.bench.captures import read_captures, write_captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.evidence.study.runner import ResultStore
 from holoview.evidence.study.study import JobResult, StudyJob
-from holoview.holograms.files.pictures import write_pattern, write_png
+from holoview.holograms.files.pictures import write_png
 from holoview.holograms.hologram import Hologram, load_hologram
 from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, load_checkpoint
 from holoview.light.model import preset
@@ -26,6 +26,7 @@ from holoview.util.file_writer import WriteError
 from holoview.viewer.document.archive import SessionArchive, SessionData, read_session
 from holoview.viewer.document.editing_session import EditingSession
 from tests.file_limits import limit_of_file_size
+from tests.pattern_file import write_pattern
 
 PACKAGE = Path(hv.__file__).resolve().parent
 SYSTEM = hv.load("simultaneous").edit({"shape": [24, 32]})

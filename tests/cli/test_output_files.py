@@ -18,11 +18,11 @@ from hypothesis import strategies as st
 import holoview as hv
 from holoview.commands.cli import COMMANDS
 from holoview.commands.output_files import ResultSaver, check_files
-from holoview.holograms.files.pictures import write_pattern
 from holoview.holograms.hologram import Hologram
 from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.util.file_writer import OutputLocks, WriteError, write_file
+from tests.pattern_file import write_pattern
 
 Run = Callable[..., Any]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX links")

@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.holograms.files.pictures import write_pattern
 from holoview.holograms.hologram import Hologram
 from holoview.light.gpu.device import Device
 from holoview.light.model import preset
+from tests.pattern_file import write_pattern
 
 Run = Callable[..., Any]
 

@@ -12,7 +12,6 @@ import pytest
 from PIL import Image
 
 import tests.document.conftest as bench
-from holoview.holograms.files.pictures import write_pattern
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.view import random_drive
 from holoview.light.model import preset
@@ -28,6 +27,7 @@ from holoview.viewer.document.file_loader import (
 )
 from holoview.viewer.page.page import export_html
 from tests.patience import PATIENCE_S, wait_until
+from tests.pattern_file import write_pattern
 
 SYSTEM = bench.small_system()
 

@@ -18,7 +18,6 @@ from holoview.bench.calibrate.train import CalibrationCheckpoint, CalibrationSet
 from holoview.bench.rig.registration import Registration, UncertainValue, write_registration
 from holoview.evidence.study.runner import ResultStore
 from holoview.evidence.study.study import JobResult, StudyJob
-from holoview.holograms.files.pictures import write_pattern
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.solve import iterate
 from holoview.holograms.targets.picture import read_picture
@@ -28,6 +27,7 @@ from holoview.light.model.system import System
 from holoview.viewer.document.archive import SessionArchive, SessionData
 from holoview.viewer.document.editing_session import EditingSession
 from tests.fuzz.field_files import make_fields
+from tests.pattern_file import write_pattern
 from tests.rig.conftest import write_rig
 
 SHAPE = (12, 16)

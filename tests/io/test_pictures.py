@@ -23,10 +23,10 @@ from holoview.holograms.files.pictures import (
     open_encoder,
     path_with_suffix,
     read_pattern,
-    write_pattern,
     write_png,
 )
 from holoview.util.errors import UserError
+from tests.pattern_file import write_pattern
 
 SHAPE = (6, 9)
 

@@ -78,26 +78,15 @@ def png_chunks(texts: Mapping[str, str]) -> PngInfo:
     return chunks
 
 
-def write_pattern(
-    path: str | os.PathLike[str], drive: NDArray[np.floating], bits: int = 8, texts: Mapping[str, str] | None = None
-) -> None:
-    """Writes the pattern of one modulator as a greyscale PNG, whose 0…maximum stands for 0…stroke.
-
-    drive: (y, x) in 0…1 of the stroke.
-    bits: 8 or 16 a pixel.
-    texts: further text chunks.
-
-    Raises UserError for other numbers of bits and for values outside 0…1.
-    """
-    write_png(path, pattern_pixels(drive, bits), {"holoview.pattern": PATH_PATTERN} | dict(texts or {}))
-
-
 PATH_PATTERN = "0…max is 0…stroke"
 """What a PNG says of a pattern whose grey levels stand for optical paths."""
 
 
 def pattern_pixels(drive: NDArray[np.floating], bits: int) -> NDArray[np.uint8 | np.uint16]:
-    """The grey levels (y, x), 0…maximum, of a drive in 0…1 of the stroke. Raises UserError as `write_pattern` does."""
+    """The grey levels (y, x), 0…maximum, of a drive (y, x) in 0…1 of the stroke. bits: 8 or 16 a pixel.
+
+    Raises UserError for other numbers of bits and for values outside 0…1.
+    """
     if bits not in (8, 16):
         raise UserError("bits", str(bits), expected="8 or 16")
     if not (drive.ndim == 2 and np.all((drive >= 0) & (drive <= 1))):
