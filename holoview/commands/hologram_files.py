@@ -135,6 +135,11 @@ def _add_recording_options(group: argparse._ArgumentGroup) -> None:
         **several,
         help="of an off-axis recording, in cycles a pixel, one for each wavelength or for all; found if absent",
     )
+    group.add_argument(
+        "--dark-field",
+        action=argparse.BooleanOptionalAction,
+        help="of an in-line recording: without its beam; if absent, where its frame's fringes hide the objects",
+    )
 
 
 def _add_part_options(group: argparse._ArgumentGroup) -> None:
@@ -185,6 +190,7 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
         recording=args.recording,
         steps=None if args.steps is None else parse_steps(_numbers(args.steps)),
         orders=tuple(parse_order(_numbers(text)) for text in args.order or ()),
+        dark_field=args.dark_field,
         refractive_index=args.index,
         conjugated=True if args.conjugate else None,
         accept_guesses=args.guess,

@@ -219,6 +219,9 @@ def open_hologram(
     if finds_distance and found.recording is None and any(q.key == "distance" for q in found.questions):
         found, propagation = _at_guess(found, propagation)
     field, notes = found.field, found.notes
+    is_dark = found.recording is not None and found.recording.dark_field
+    if propagation == "auto" and is_dark and field.reference_radius_m is None:
+        propagation = "asm"  # the objects stood before the frame, however far their light goes
     if request.viewpoint is not None:
         from holoview.holograms.fields.synthetic_aperture import seen_from  # slow start: it imports torch
 

@@ -175,6 +175,8 @@ def test_an_order_says_that_the_recording_is_off_axis(tmp_path: Path) -> None:
     assert found is not None and found.kind == "off-axis"
     with pytest.raises(UserError, match="--order: with the recording in-line"):
         read_wavefield(tmp_path / "fringes.npy", replace(request, recording="in-line"))
+    with pytest.raises(UserError, match="--dark-field: with the recording off-axis"):
+        read_wavefield(tmp_path / "fringes.npy", replace(request, dark_field=True))
     with pytest.raises(UserError, match="--steps: with no recording"):
         read_wavefield(tmp_path / "fringes.npy", replace(request, orders=(), steps="unknown"))
 

@@ -46,6 +46,7 @@ _ONE_MEAN = 0.1  # of the mean of three phase-shifted pictures, within which the
 _ONE_WAY = 0.7
 _MOST_UNEXPLAINED = 0.08  # 0.003 in the median of drawn sets, at most 0.055; 0.16 of speckles that drift
 _MOST_BESIDE_LINE = 1 / 3  # 0.03 in the median of drawn sets; 0.75 of speckles that drift
+_HIDING = 0.5  # of the standard deviation of an in-line picture: fringes of its frame beyond it hide the objects
 _FAINT_UNLESS_COUNTED = 0.15  # the same of numbers that no camera counted: of 288 speckle patterns at most 0.11
 
 
@@ -355,7 +356,9 @@ def in_line_field(recording: Recording, background: Floats | None = None) -> Dem
     picture with negative values has lost its background already, and is only scaled to a largest value of 1.
 
     For |O| ≪ |R| the field is 1 + o + o* with o = O·R*/|R|² (Gabor; as normalised by Latychevskaia & Fink, Opt. Express
-    17, 10697 (2009)): at the object's distance the object stands before the blurred twin.
+    17, 10697 (2009)): at the object's distance the object stands before the blurred twin. Nothing is known beyond the
+    frame, at which the beam ends there: it draws fringes (`frame_fringes`). Without the beam, in a dark field o + o*,
+    objects that change little stand out. This is so where the recording wants it, or doesn't say and fringes hide them.
 
     Raises UserError for a background of another shape and for one that isn't above 0.
     """
@@ -375,8 +378,31 @@ def in_line_field(recording: Recording, background: Floats | None = None) -> Dem
         if not (mean > 0).all():
             raise UserError("recording", "a black picture", expected="an in-line hologram")
         values, words = pictures / mean, "divided by its own mean"
-    settled = replace(recording, kind="in-line", conjugated=False)
-    return Demodulated(_wavefield(recording, values.astype(np.complex64)), settled, report=(words,))
+    mean, spread = values.mean(axis=(-2, -1), keepdims=True), float(values.std(axis=(-2, -1)).mean())
+    fringes = frame_fringes(recording) if background is not None or float(pictures.min()) >= 0 else 0.0
+    is_dark = recording.dark_field
+    report = [words]
+    if is_dark is None and (is_dark := fringes > _HIDING * spread):
+        report.append(
+            f"in a dark field, without the beam, as fringes of its frame ({fringes:.1%} of it) hide what the objects "
+            f"change ({spread:.1%}); --no-dark-field keeps the beam"
+        )
+    values = values - mean if is_dark else values
+    settled = replace(recording, kind="in-line", conjugated=False, dark_field=is_dark)
+    return Demodulated(_wavefield(recording, values.astype(np.complex64)), settled, report=tuple(report))
+
+
+def frame_fringes(recording: Recording) -> float:
+    """The r.m.s. fringes, over the intensity, of a beam that ends at the picture's frame, at the recording's distance.
+
+    A half plane's edge adds an amplitude √(λz)/(2π·x) at x inside (Born & Wolf, Principles of Optics, 8.7, asymptotic),
+    which changes the intensity by √2 of it r.m.s.; of the nearest edge, at a quarter of the shorter side. The longest
+    wavelength counts.
+    """
+    rows, columns = recording.pictures.shape[-2:]
+    side_m = min(rows * recording.pitch_m[0], columns * recording.pitch_m[1])
+    grain_m = math.sqrt(float(max(recording.wavelengths_m)) * abs(recording.distance_m))
+    return math.sqrt(2) * grain_m / (2 * math.pi * side_m / 4)
 
 
 # --- phase shifting ---------------------------------------------------------------------------------------------------

@@ -66,8 +66,8 @@ class Recording:
 
     pictures: (picture, wavelength, y, x) float32, intensities in the file's units, read-only; negative where a
     background was taken off. pitch_m, wavelengths_m, distance_m: as in `Wavefield`, of the camera's pixels. kind: as
-    given, None if unknown. conjugated: whether the conjugate of its field is wanted; None if unknown. steps, orders: as
-    of `ReadRequest`. reference_radius_m: as in `Wavefield`; of a point source its distance.
+    given, None if unknown. conjugated: whether the conjugate of its field is wanted; None if unknown. steps, orders
+    and dark_field: as of `ReadRequest`. reference_radius_m: as in `Wavefield`; of a point source its distance.
     """
 
     pictures: NDArray[np.float32]
@@ -80,6 +80,7 @@ class Recording:
     steps: Steps = "equal"
     orders: tuple[Order, ...] = ()
     reference_radius_m: float | None = None
+    dark_field: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,10 @@ def _with_kind(request: ReadRequest) -> ReadRequest:
         raise UserError("--steps", f"with {kind or 'no'} recording", expected="--recording phase-shifting")
     if request.orders and kind not in (None, "off-axis"):
         raise UserError("--order", f"with the recording {kind}", expected="--recording off-axis")
-    return replace(request, recording="off-axis") if request.orders else request
+    request = replace(request, recording="off-axis") if request.orders else request
+    if request.dark_field is not None and request.recording not in (None, "in-line"):
+        raise UserError("--dark-field", f"with the recording {request.recording}", expected="--recording in-line")
+    return request
 
 
 def _known(
@@ -197,7 +201,16 @@ def _read(known: Known, arrangement: Arrangement, findings: FileFindings, progre
     else:
         chosen = request.steps or "equal", request.orders
         recording = Recording(
-            values, coarse, in_medium, distance, request.recording, name, request.conjugated, *chosen, radius
+            values,
+            coarse,
+            in_medium,
+            distance,
+            request.recording,
+            name,
+            request.conjugated,
+            *chosen,
+            radius,
+            request.dark_field,
         )
     return Reading(
         field,

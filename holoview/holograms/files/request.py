@@ -129,6 +129,7 @@ class ReadRequest:
     recording: how a camera recorded the picture, or "none" for a real picture that isn't a recording.
     steps: of a phase-shifting set; equal ones if None. orders: of an off-axis recording, one for each wavelength or one
     for all; found in its spectrum if there is none.
+    dark_field: whether the beam of an in-line recording is taken away; if None, where it hides what the objects change.
     refractive_index: of the medium behind the field; wavelengths are divided by it.
     conjugated: whether phases were written with the other sign, so that the field is exp(−iφ).
     checkerboard: whether the phase alternates by π from sample to sample, which is then removed. A transform with its
@@ -158,6 +159,7 @@ class ReadRequest:
     recording: RecordingKind | None = None
     steps: Steps | None = None
     orders: tuple[Order, ...] = ()
+    dark_field: bool | None = None
     refractive_index: float | None = None
     conjugated: bool | None = None
     checkerboard: bool | None = None

@@ -33,6 +33,7 @@ _PLAIN: dict[str, type | tuple[type, ...]] = {
     "recording": str,
     "steps": (list, str),
     "orders": list,
+    "dark_field": bool,
     "colour_shifts_m": list,
     "refractive_index": (int, float),
     "conjugated": bool,

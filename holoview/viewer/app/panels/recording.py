@@ -24,6 +24,7 @@ _MARK, _TWIN = imgui.IM_COL32(255, 220, 80, 255), imgui.IM_COL32(255, 220, 80, 9
 _EDGE_PX = 6.0  # from the circle, within which a drag changes its radius
 _HELP_KIND = "How the camera recorded it; phase-shifting: three or more pictures of one object."
 _HELP_STEPS = "Phases of the reference: 2π/N apart, or found from the pictures."
+_HELP_DARK = "Without the beam, whose frame draws fringes: objects that change little of the light stand out."
 _RADII = (0.005, 0.5)  # cycles a pixel
 _HELP = (
     "The light inside the circle is the field; the other circle holds its conjugate. Drag the circle, or its edge; a "
@@ -104,6 +105,10 @@ class RecordingPanel(Panel):
                 editor.find()
             imgui.same_line()
         if kind == "in-line":  # its conjugate is the same
+            is_dark = bool(recording.dark_field)
+            if imgui.checkbox("dark field", is_dark)[0]:
+                editor.find(dark_field=not is_dark)
+            tooltip(_HELP_DARK)
             return
         tip = "The conjugate field, with the other sign of phase and of distance; of an off-axis one the other order."
         is_pressed = button(context, "Other side", tip, width=width, name="other side of the recording")
