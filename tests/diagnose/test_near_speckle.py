@@ -59,6 +59,30 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
 
 
+@pytest.mark.parametrize("gap_factor", explored([0.9, 1.0, 1.15], 1))
+def test_a_second_modulator_out_of_its_place_is_found_beside_a_beam_and_a_wrong_stroke(
+    gap_factor: float, tmp_path: Path
+) -> None:
+    """To a tenth of a pixel; and the gap to a twentieth of it, in which pictures change by less than their grain."""
+    drawn = _nominal("near-two", 1, (96, 128))
+    assert drawn.bench.gap_m is not None
+    spoilt = replace(
+        drawn.bench,
+        beam=Beam(40.0, 2.0, (5.0, -8.0)),
+        stroke_m=drawn.bench.stroke_m * 1.3,
+        second_px=(-0.25, 1.25),
+        gap_m=drawn.bench.gap_m * gap_factor,
+    )
+    light = light_by_speckle(_captures(replace(drawn, bench=spoilt), tmp_path), no_progress)
+    assert light is not None and light.after > 0.95
+    place_m = light.values["slm_alignment"]
+    found_px = np.array([place_m["shift_y"], place_m["shift_x"]]) / drawn.bench.pitch_m
+    np.testing.assert_allclose(found_px, spoilt.second_px, atol=0.1)
+    found_m = drawn.bench.gap_m + light.values.get("gap", {"gap_error": 0.0})["gap_error"]
+    assert found_m == pytest.approx(spoilt.gap_m, rel=0.05)
+    assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(1.3, rel=0.1)
+
+
 def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> None:
     """Between its kicks: all parts are handed on, as nothing has judged them; earlier there is nothing to keep."""
     drawn = _nominal("near", 1)

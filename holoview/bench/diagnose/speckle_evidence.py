@@ -21,6 +21,9 @@ _MOST_NEAR_PX = 250_000
 FAR_CHI2 = 4.0
 """[χ²/n] Predictions that leave less are near enough for derivatives, whatever noise does to the grains. Evidence: none
 recorded."""
+_MOST_PART_PX = (
+    350_000  # of both modulators in all pictures, of a near field in which light is sought. Evidence: the cost.
+)
 _STANDING = 0.85
 """[1] Correlation of held-out speckle above which the nominal bench needs no such search. Evidence: none recorded."""
 _GAIN = 0.1  # [1] Of that correlation, below which nothing was found. Evidence: ten times what chance gives.
@@ -57,9 +60,18 @@ def shows_a_beam(window: Captures) -> bool:
 
 def light_by_speckle(window: Captures, progress: ProgressCallback) -> FoundLight | None:
     """The light that makes the speckle of a window stand; None where none does."""
-    data, part = prepare_captures(window), window_of(window, _PART_PX)
-    found = find_light(data, data if part is window else prepare_captures(part), progress)
+    if window.is_fourier:
+        found = find_light(prepare_captures(window), prepare_captures(window_of(window, _PART_PX)), progress)
+    else:
+        found = find_light(brightest := prepare_captures(_brightest(window)), brightest, progress)
     return found if found.after > max(found.before + _GAIN, _LEAST) else None
+
+
+def _brightest(captures: Captures) -> Captures:
+    """As many pictures as can be predicted together in a search, the brightest ones."""
+    count = max(1, _MOST_PART_PX // captures.levels[0].size)
+    brightest = np.argsort(-captures.images.mean(axis=(1, 2), dtype=np.float64), kind="stable")[:count]
+    return captures if len(captures) <= count else captures.subset(np.sort(brightest))
 
 
 def describe_light(light: FoundLight) -> str:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -30,6 +30,7 @@ from holoview.light.effects.beam import WAVEFRONT_TERMS
 from holoview.light.model.effects.effect import Effect, Parameter, Values
 from holoview.light.model.effects.hook_contexts import ModulatorContext
 from holoview.light.model.effects.registry import get_effect
+from holoview.light.numerics.resample import affine_warp
 from holoview.light.numerics.sampling import positions
 from holoview.light.numerics.speckle_match import match_speckle
 from holoview.light.numerics.surfaces import zernike
@@ -48,11 +49,14 @@ _STEPS: dict[str, float] = {
     "share": 0.03,
     "quadrature": 0.03,
     "stray": 0.02,
+    "second_y": 0.05,
+    "second_x": 0.05,
     **{f"z{noll}": 0.12 for noll in _TERMS},
 }
-"""Adam's unit of each number: ln size, exponent, places in half sides, shares, stray over mean light, radians r.m.s. of
-wavefront."""
+"""Adam's unit of each number: ln size, exponent, places in half sides, shares, stray over mean light, pixels of the
+second modulator's shift, radians r.m.s. of wavefront."""
 _BOUNDS = {"log_size": (-1.5, 2.5), "edge": (0.8, 6.0), "stroke": (0.15, 2.2), "stray": (0.0, 1.0)}
+_SECOND = {"second_y": 0.0, "second_x": 0.0}  # where the second modulator should be
 _EVEN = {"log_size": _BOUNDS["log_size"][0], "edge": 2.0, "centre_y": 0.0, "centre_x": 0.0}
 """Light that falls by 0.3 % of its amplitude from the middle to the corners: even."""
 NOMINAL: Point = dict.fromkeys(_STEPS, 0.0) | _EVEN | {"stroke": 1.0}
@@ -67,11 +71,14 @@ PARTS: dict[str, dict[str, float]] = {
     "stroke": {"stroke": 1.0},
     "unmodulated light": {"share": 0.0, "quadrature": 0.0},
     "stray light": {"stray": 0.0},
+    "shift of the second modulator": _SECOND,
 }
 """Parts of the light that may be superfluous, with the numbers that stand for their absence."""
 _STROKES = 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.4  # over the assumed one, with which light is retrieved
 _MOST_SCALE, _SCALE_STEPS = 0.0155, (0.006, 0.001)  # of the focal length
 _MOST_FARTHER, _FARTHER_STEPS = 0.15, (0.03, 0.006)  # of the distance of near fields
+_MOST_WIDER, _WIDER_STEPS = 0.3, (0.05, 0.01)  # of the gap
+_PLACES_PX = np.arange(-3, 4) / 2  # of the second modulator, along each axis
 _LEADERS = 2
 _START_SIZES, _START_STROKES = (0.7, 1.0, 1.5, 2.2, 3.3), (0.5, 0.9)  # of simple beams
 _CLEAR = 0.85
@@ -136,7 +143,9 @@ class FreeLight(Effect):
         leak = torch.complex(p["share"], p["quadrature"]).to(transmission.dtype)
         transmission = (1 - leak.abs()) * transmission + leak
         if context.number:
-            return transmission
+            edge, (dy, dx) = (1, 1, 1, 1), (p[name] * context.upsample for name in _SECOND)
+            rows = (1.0, 0.0, -dy), (0.0, 1.0, -dx)  # a dark edge, since nothing passes beside the modulator
+            return affine_warp(torch.nn.functional.pad(context.sampled(transmission), edge), rows)[1:-1, 1:-1]
         half_m = context.half_width()
         even = dict.fromkeys((f"z{noll}" for noll in WAVEFRONT_TERMS), 0.0)
         values = {"size": p["log_size"].exp(), "edge": p["edge"], "ellipse": 0.0, **even}
@@ -200,6 +209,7 @@ class SpeckleSearch:
         self._predict = Predictor(captures, [self._light], cache_mb=1)
         self._indices, self._calls = np.arange(len(captures)), 0
         self._measure = SpeckleMeasure(data)
+        self._has_second = captures.levels.shape[1] > 1
 
     def near(self, beam: NearestBeam, stroke: float) -> Point:
         """The point of a beam with a wavefront."""
@@ -243,7 +253,7 @@ class SpeckleSearch:
 
     def ascend(self, point: Point, steps: int, rate: float = 1.0, fixed: Collection[str] = ()) -> tuple[float, Point]:
         """The best point of an ascent by Adam, with its score. fixed: numbers that stay."""
-        fixed = {*fixed, *self.shape}
+        fixed = {*fixed, *self.shape, *({} if self._has_second else _SECOND)}
         moves = {name: torch.zeros((), requires_grad=True) for name in _STEPS if name not in fixed}
         adam = torch.optim.Adam(moves.values(), lr=rate, betas=(0.8, 0.95))
         best = (-1.0, point)
@@ -286,6 +296,10 @@ class SpeckleSearch:
         """Whether a near field's brightness shows a beam at the nominal bench."""
         return self.shape_of_brightness(NOMINAL)[1] > 0
 
+    def is_free(self, part: str) -> bool:
+        """Whether a part of the light is varied."""
+        return not (self.shape and part == "shape") and (self._has_second or PARTS[part] is not _SECOND)
+
     def effect_values(self, point: Point, dropped: Collection[str]) -> dict[str, dict[str, float]]:
         """The values of effects that make the light of a point. dropped: parts that it doesn't have."""
         captures = self._data.captures
@@ -313,6 +327,9 @@ class SpeckleSearch:
         if "stray light" not in dropped:
             mean = float(self._data.light[self._data.usable].mean())
             values["camera_black"] = {"black": mean * point["stray"] / (1 + point["stray"])}
+        if self._has_second and not {*_SECOND} <= is_dropped:
+            pitch_m = captures.slms[1].pitch_m
+            values["slm_alignment"] = {f"shift_{axis}": point[f"second_{axis}"] * pitch_m for axis in "yx"}
         to_m = 1 / self._per_metre(circle)
         return values | {"camera_alignment": {"shift_y": centred["z3"] * to_m, "shift_x": centred["z2"] * to_m}}
 
@@ -411,7 +428,7 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
         shape, explained = nominal.shape_of_brightness(NOMINAL)
     found, was_ended = _sought(part, shape, lambda number: progress(number, steps, told), np.random.default_rng(seed))
     point, losses = found.point, dict[str, tuple[float, float]]()
-    search = SpeckleSearch(_scaled(data, found.factor), found.circle, shape)
+    search = SpeckleSearch(_scaled(data, found.lengths), found.circle, shape)
     if not was_ended:
         point = _polished(search, point)
         if shape:
@@ -426,40 +443,54 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
         dropped.append("shape")
     values = search.effect_values(point, dropped)
     if data.captures.is_fourier:
-        values["camera_alignment"]["magnification"] = found.factor - 1
-    elif found.factor != 1:
-        values["distance"] = {"distance_error": (found.factor - 1) * float(data.captures.distance_m[0])}
+        values["camera_alignment"]["magnification"] = found.lengths.far - 1
+    elif found.lengths.far != 1:
+        values["distance"] = {"distance_error": (found.lengths.far - 1) * float(data.captures.distance_m[0])}
+    if data.captures.gap_m and found.lengths.gap != 1:
+        values["gap"] = {"gap_error": (found.lengths.gap - 1) * data.captures.gap_m}
     return FoundLight(values, before, search.held_out(point), losses, explained, was_ended)
 
 
 @dataclass(frozen=True)
+class _Lengths:
+    """Factors of a bench's lengths. far: of the focal length, or of the distance of near fields. gap: of the gap."""
+
+    far: float = 1.0
+    gap: float = 1.0
+
+
+@dataclass(frozen=True)
 class _Leader:
-    """A point from which a search goes on, its score, the circle of its terms, and the factor of the focal length."""
+    """A point from which a search goes on, its score, the circle of its terms, and the bench's lengths."""
 
     score: float
     point: Point
     circle: Circle
-    factor: float
+    lengths: _Lengths
 
 
 def _sought(
     part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None], rng: np.random.Generator
 ) -> tuple[_Leader, bool]:
     """The best light of a window, from retrieved ones, simple beams and kicks; and whether the search was ended."""
-    best = _from_retrieved(part, shape, progress)
+    ways = [_from_retrieved] if part.captures.is_fourier else [_from_retrieved, _from_places]
+    if shape:
+        ways.reverse()
+    best = ways[0](part, shape, progress)
     try:
+        if best.score <= _CLEAR and len(ways) > 1:
+            best = max(best, ways[1](part, shape, progress), key=lambda one: one.score)
         if best.score <= _CLEAR:
             progress(_SCANS + _LEADERS)
             best = max(best, _from_simple_beams(part, shape), key=lambda one: one.score)
-        search = SpeckleSearch(_scaled(part, best.factor), best.circle, shape)
+        search = SpeckleSearch(_scaled(part, best.lengths), best.circle, shape)
         for number in range(_KICKS):
             progress(_SCANS + _LEADERS + 1 + number)
             if number in (0, _KICKS - 1):
-                factor = _climbed(
-                    part, partial(_score_of, part, best.circle, shape, best.point), best.factor, is_fine=True
-                )
-                search = SpeckleSearch(_scaled(part, factor), best.circle, shape)
-                best = dataclasses.replace(best, factor=factor, score=search.score(best.point))
+                of_lengths = partial(_score_of, part, best.circle, shape, best.point)
+                lengths = _climbed(part, of_lengths, best.lengths, is_fine=True)
+                search = SpeckleSearch(_scaled(part, lengths), best.circle, shape)
+                best = dataclasses.replace(best, lengths=lengths, score=search.score(best.point))
             if best.score > _CLEAR:
                 continue
             kicked = _kicked(best.point, number, rng) | dict(shape)
@@ -482,6 +513,26 @@ def _polished(search: SpeckleSearch, point: Point) -> Point:
     return point
 
 
+def _from_places(part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
+    """The best ascent from light without a wavefront, of a near field, whose speckle is at its place then already: from
+    the stroke and the place of the second modulator with which speckle stands best, with the lengths in between."""
+    progress(0)
+    search, point, lengths = SpeckleSearch(part, shape=shape), NOMINAL | dict(shape), _Lengths()
+    strokes = [{"stroke": stroke} for stroke in _STROKES]
+    places = [dict(zip(_SECOND, (y, x), strict=True)) for y in _PLACES_PX for x in _PLACES_PX]
+    for changes in (strokes, *([places, strokes] if part.captures.gap_m is not None else [])):
+        point = max((point | change for change in changes), key=search.score)
+    wavefront = {f"z{noll}" for noll in _TERMS}
+    for number in range(2):
+        progress(1 + number)
+        point = search.ascend(point, 14, fixed=wavefront)[1]
+        lengths = _climbed(part, partial(_score_of, part, _MIDDLE, shape, point), lengths, is_fine=number > 0)
+        search = SpeckleSearch(_scaled(part, lengths), shape=shape)
+    progress(3)
+    circle = Circle(math.exp(-point["log_size"]), point["centre_y"], point["centre_x"]) if shape else _MIDDLE
+    return _Leader(*SpeckleSearch(_scaled(part, lengths), circle, shape).ascend(point, 30), circle, lengths)
+
+
 def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
     """The best of the beams that resemble retrieved lights, after an ascent. The focal length, or the distance of near
     fields, is that at which the speckle of retrieved light stands best; the strokes are those with which it stands best
@@ -493,9 +544,9 @@ def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress
     starts.sort(key=lambda one: -one.correlation)
     progress(len(_STROKES))
     stroke = starts[0].stroke
-    factor = _climbed(part, lambda factor: LightRetrieval(_scaled(part, factor)).start(stroke).correlation, 1.0)
-    if factor != 1:
-        retrieval = LightRetrieval(_scaled(part, factor))
+    lengths = _climbed(part, lambda one: LightRetrieval(_scaled(part, one)).start(stroke).correlation, _Lengths())
+    if lengths != _Lengths():
+        retrieval = LightRetrieval(_scaled(part, lengths))
         starts = [retrieval.start(one.stroke) for one in starts[:_LEADERS]]
     leaders = []
     for number, start in enumerate(starts[:_LEADERS]):
@@ -503,8 +554,8 @@ def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress
         retrieved = retrieval.ascend(start, 30)
         beam = retrieval.nearest_beam(retrieved, _TERMS)
         circle = Circle(beam.radius, *beam.centre)
-        search = SpeckleSearch(_scaled(part, factor), circle, shape)
-        leaders.append(_Leader(*search.ascend(search.near(beam, retrieved.stroke), 30), circle, factor))
+        search = SpeckleSearch(_scaled(part, lengths), circle, shape)
+        leaders.append(_Leader(*search.ascend(search.near(beam, retrieved.stroke), 30), circle, lengths))
         if leaders[-1].score > _CLEAR:
             break
     return max(leaders, key=lambda one: one.score)
@@ -528,7 +579,7 @@ def _from_simple_beams(part: PreparedCaptures, shape: Mapping[str, float]) -> _L
     circle = Circle(min(max(math.exp(-rough[0][1]["log_size"]), 0.15), 1.25))
     search = SpeckleSearch(part, circle, shape)
     finer = [search.ascend(_rebased(point, _MIDDLE, circle), 24) for _, point in rough[:2]]
-    return _Leader(*max(finer, key=lambda found: found[0]), circle, 1.0)
+    return _Leader(*max(finer, key=lambda found: found[0]), circle, _Lengths())
 
 
 def _spread(starts: list[tuple[float, Point]]) -> list[tuple[float, Point]]:
@@ -547,7 +598,7 @@ def without_superfluous(
     """The point without parts that held-out speckle doesn't need, and the loss without each part: of the correlation
     after a refit of all others, and in standard deviations of its mean over blocks."""
     whole, losses = search.standing(point), {}
-    parts = {part: absent for part, absent in PARTS.items() if not (search.shape and part == "shape")}
+    parts = {part: absent for part, absent in PARTS.items() if search.is_free(part)}
     for number, (part, absent) in enumerate(parts.items()):
         progress(number)
         without = search.ascend(point | absent, 12, rate=0.5, fixed=absent)[1]
@@ -570,31 +621,41 @@ def _is_needed(loss: tuple[float, float]) -> bool:
     return loss[0] > LEAST_LOSS and loss[1] > LEAST_SIGMAS
 
 
-def _scaled(data: PreparedCaptures, factor: float) -> PreparedCaptures:
-    """The pictures of a bench whose focal length, or distance of near fields, is another one."""
-    captures = data.captures
+def _scaled(data: PreparedCaptures, lengths: _Lengths) -> PreparedCaptures:
+    """The pictures of a bench of other lengths."""
+    captures, changed = data.captures, dict[str, Any]()
     if captures.focal_length_m is None:
-        return dataclasses.replace(
-            data, captures=dataclasses.replace(captures, distance_m=captures.distance_m * factor)
-        )
-    focal_length_m = captures.focal_length_m * factor
-    return dataclasses.replace(data, captures=dataclasses.replace(captures, focal_length_m=focal_length_m))
+        changed["distance_m"] = captures.distance_m * lengths.far
+    else:
+        changed["focal_length_m"] = captures.focal_length_m * lengths.far
+    if captures.gap_m is not None:
+        changed["gap_m"] = captures.gap_m * lengths.gap
+    return dataclasses.replace(data, captures=dataclasses.replace(captures, **changed))
 
 
-def _score_of(part: PreparedCaptures, circle: Circle, shape: Mapping[str, float], point: Point, factor: float) -> float:
-    return SpeckleSearch(_scaled(part, factor), circle, shape).score(point)
+def _score_of(
+    part: PreparedCaptures, circle: Circle, shape: Mapping[str, float], point: Point, lengths: _Lengths
+) -> float:
+    return SpeckleSearch(_scaled(part, lengths), circle, shape).score(point)
 
 
-def _climbed(part: PreparedCaptures, score: Callable[[float], float], factor: float, *, is_fine: bool = False) -> float:
-    """The factor of the focal length, or of the distance of near fields, up to which a score rises, in steps."""
-    is_fourier = part.captures.is_fourier
-    step = (_SCALE_STEPS if is_fourier else _FARTHER_STEPS)[is_fine]
-    most = _MOST_SCALE if is_fourier else _MOST_FARTHER
-    best = score(factor)
-    for change in (step, -step):
-        while abs(factor + change - 1) < most and (other := score(factor + change)) > best:
-            best, factor = other, factor + change
-    return factor
+def _climbed(
+    part: PreparedCaptures, score: Callable[[_Lengths], float], lengths: _Lengths, *, is_fine: bool = False
+) -> _Lengths:
+    """The lengths up to which a score rises, in steps of one after the other."""
+    most = {"far": (_MOST_SCALE, _SCALE_STEPS) if part.captures.is_fourier else (_MOST_FARTHER, _FARTHER_STEPS)}
+    if part.captures.gap_m is not None:
+        most["gap"] = (_MOST_WIDER, _WIDER_STEPS)
+    best = score(lengths)
+    for name, (limit, steps) in most.items():
+        for change in (steps[is_fine], -steps[is_fine]):
+            while True:
+                factor = getattr(lengths, name) + change
+                other = dataclasses.replace(lengths, **{name: factor})
+                if abs(factor - 1) >= limit or (found := score(other)) <= best:
+                    break
+                best, lengths = found, other
+    return lengths
 
 
 def _kicked(point: Point, number: int, rng: np.random.Generator) -> Point:

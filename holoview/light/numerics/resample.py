@@ -16,6 +16,8 @@ _MOST_REACH, _LEAST_SIDE = 8, 128
 
 AffineRows = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Two rows (y, x, 1) of an affine map: its results y' and x'."""
+TensorRows = tuple[tuple[float, float, Tensor], tuple[float, float, Tensor]]
+"""The same with shifts that have derivatives."""
 
 _LEAST_WEIGHT = 1e-8  # of a kernel that is cut off
 
@@ -85,7 +87,7 @@ def _filtered(values: Tensor, margin: int, gain: Callable[[Tensor, Tensor], Tens
     return filtered[margin : margin + rows, margin : margin + columns]
 
 
-def affine_warp(values: Tensor, source: AffineRows, shape: tuple[int, int] | None = None) -> Tensor:
+def affine_warp(values: Tensor, source: AffineRows | TensorRows, shape: tuple[int, int] | None = None) -> Tensor:
     """A map whose entry at r = (y, x) is that of `values` at the affine image of r, bilinear between samples.
 
     values: (y, x) real or complex.
