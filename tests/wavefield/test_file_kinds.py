@@ -334,6 +334,25 @@ def test_the_far_picture_of_a_slit_has_its_minima_and_says_its_scale(tmp_path: P
 # --- variables and attributes -----------------------------------------------------------------------------------------
 
 
+def test_coordinates_along_the_axes_of_hdf5_state_the_pitch(tmp_path: Path) -> None:
+    """As netCDF, xarray and HoloPy write them, with settings that are YAML documents; uneven ones state nothing."""
+    picture = np.random.default_rng(0).random((1, 24, 32)) + 1
+    for name, uneven in (("even.h5", 0.0), ("uneven.h5", 0.3)):
+        with h5py.File(tmp_path / name, "w") as file:
+            data = file.create_dataset("data", data=picture)
+            for axis, (key, step) in enumerate((("z", 0.0), ("x", 1.5e-7), ("y", 1.15e-7))):
+                places = np.arange(picture.shape[axis]) * step
+                places[1:2] *= 1 + uneven
+                file.create_dataset(key, data=places).make_scale(key)
+                data.dims[axis].attach_scale(file[key])
+            data.attrs["illum_wavelen"] = "6.58e-07\n...\n"
+    found = read_wavefield(tmp_path / "even.h5", ReadRequest(recording="in-line")).recording
+    assert found is not None and found.pitch_m == pytest.approx((1.5e-7, 1.15e-7))
+    assert found.wavelengths_m == pytest.approx([658e-9])
+    with pytest.raises(UserError, match="pitch"):
+        read_wavefield(tmp_path / "uneven.h5", ReadRequest(recording="in-line"))
+
+
 def test_attributes_of_hdf5_state_lengths(tmp_path: Path) -> None:
     u = (_values() + 1j * _values(seed=1)).astype(np.complex64)
     with h5py.File(tmp_path / "a.h5", "w") as file:

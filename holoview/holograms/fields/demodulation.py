@@ -47,6 +47,7 @@ _ONE_WAY = 0.7
 _MOST_UNEXPLAINED = 0.08  # 0.003 in the median of drawn sets, at most 0.055; 0.16 of speckles that drift
 _MOST_BESIDE_LINE = 1 / 3  # 0.03 in the median of drawn sets; 0.75 of speckles that drift
 _HIDING = 0.5  # of the standard deviation of an in-line picture: fringes of its frame beyond it hide the objects
+_DOUBTED = 0.01  # of what equal steps leave: beyond it other steps are tried; right ones leave 0.003 in the median
 _FAINT_UNLESS_COUNTED = 0.15  # the same of numbers that no camera counted: of 288 speckle patterns at most 0.11
 
 
@@ -133,7 +134,10 @@ def _field_of_kind(recording: Recording) -> Demodulated:
         if share < _FAINT_UNLESS_COUNTED and not whole.all():
             found = _in_line_with_background(recording)
             guess = f"taken for in-line, as its order holds only {share:.0%} of its variance and no camera counted it"
-    return replace(found, report=(f"the recording was {guess} (--recording says it)", *found.report))
+    remedy = "--recording says it"
+    if len(recording.pictures) > 2:
+        remedy += "; of a phase-shifting set --steps its phases, or --steps unknown, which finds them"
+    return replace(found, report=(f"the recording was {guess} ({remedy})", *found.report))
 
 
 def _in_line_with_background(recording: Recording) -> Demodulated:
@@ -456,9 +460,11 @@ class Shifted:
 
     def describe(self) -> str:
         """The guess and its reason in words."""
-        count, step = len(self.steps), round(math.degrees(self.steps[1]))
-        reason = f"a shift of the reference explains how its {count} pictures differ, to {self.left:.1%}"
-        return f"taken for phase-shifting in steps of {step}°, as {reason}"
+        reason = f"a shift of the reference explains how its {len(self.steps)} pictures differ, to {self.left:.1%}"
+        if np.ptp(np.diff(self.steps)) < 1e-9:
+            return f"taken for phase-shifting in steps of {round(math.degrees(self.steps[1]))}°, as {reason}"
+        found = ", ".join(f"{math.degrees(step):.0f}°" for step in self.steps)
+        return f"taken for phase-shifting to {found}, which were found from the pictures, as {reason}"
 
 
 def shifted_steps(pictures: NDArray[np.floating[Any]]) -> Shifted | None:
@@ -474,6 +480,9 @@ def shifted_steps(pictures: NDArray[np.floating[Any]]) -> Shifted | None:
     a = |O|² + |R|² varies little: four times its variance is at most a third of c² + s², where pictures that differ at
     random have as much. Beside an even reference c² + s² = 4|R|²(a − |R|²) follows a straight line of a: it varies
     around it by at most a third of its squared mean, where pictures that differ at random have the whole or more.
+
+    Of one wavelength, steps that are found from the pictures (`unknown_steps`) are taken where equal ones leave much
+    and these less than half of it.
     """
     count = len(pictures)
     if not 3 <= count <= 5:
@@ -483,7 +492,12 @@ def shifted_steps(pictures: NDArray[np.floating[Any]]) -> Shifted | None:
     left = _unexplained_of_three if count == 3 else _unexplained
     found = [left(rows, np.arange(count) * step) for step in dict.fromkeys((2 * math.pi / count, math.pi / 2))]
     best = min(found, key=lambda shifts: shifts.left)
-    return best if best.left < (_MOST_BESIDE_LINE if count == 3 else _MOST_UNEXPLAINED) else None
+    if not best.left < (_MOST_BESIDE_LINE if count == 3 else _MOST_UNEXPLAINED):
+        return None
+    if best.left > _DOUBTED and pictures.shape[1] == 1:
+        other = left(rows, unknown_steps(rows))
+        best = other if other.left < best.left / 2 else best
+    return best
 
 
 def _unexplained(rows: Floats, steps: Floats) -> Shifted:

@@ -1,14 +1,15 @@
 """HDF5 files, MATLAB's of version 7.3 among them, whose arrays stand with their axes in reverse.
 
-Complex numbers are pairs with names such as `real` and `imag`. Nothing outside the file is followed: external links,
-external storage and virtual datasets are refused.
+Complex numbers are pairs with names such as `real` and `imag`. Of a picture whose axes have coordinates (dimension
+scales, as netCDF and xarray write them) their equal steps are its pitch. Nothing outside the file is followed: external
+links, external storage and virtual datasets are refused.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ _MOST_DEPTH = 8
 _MOST_OBJECTS = 2000
 _MOST_ATTRIBUTES, _MOST_ATTRIBUTE_BYTES = 100, 1 << 16
 _FEW_CHUNKS, _SMALL_CHUNK_BYTES = 20_000, 1024  # more chunks than these are larger: each is looked up by itself
+_MOST_COORDINATES, _EVEN = 1 << 20, 1e-3  # of an axis; unevenness of its steps
+_END_OF_YAML = "\n...\n"
 _MOST_RATIO, _FREE_BYTES = 2000, 64 << 20
 """Size of data over that of their file, beyond the free bytes: deflate's limit is 1032 for each filter in a chain."""
 
@@ -104,6 +107,7 @@ class _Found:
             if kind in (b"char", b"cell", b"function_handle"):
                 return
         self._attributes(dataset, name)
+        self._steps(dataset, name)
         dtype = _complex_type(dataset.dtype) or dataset.dtype
         if dtype.kind not in "biufc":
             return
@@ -125,6 +129,13 @@ class _Found:
 
         self.arrays.append(StoredArray(name, shape, dtype, load, whole_bytes=chunk))
 
+    def _steps(self, dataset: Any, name: str) -> None:
+        """The steps of the coordinates along the last two long axes become numbers `dy` and `dx`."""
+        long = [axis for axis, size in enumerate(dataset.shape) if size > 1][-2:]
+        for axis, key in zip(long, ("dy", "dx"), strict=False):
+            if len(long) == 2 and len(dataset.dims[axis]) and (step := _step(dataset.dims[axis][0])) is not None:
+                self.arrays.append(StoredArray.of(f"{name}.{key}", np.array([step])))
+
     def _attributes(self, item: Any, name: str) -> None:
         """Attributes that are numbers become small arrays, named after the group or dataset that they belong to."""
         if len(item.attrs) > _MOST_ATTRIBUTES:
@@ -137,7 +148,21 @@ class _Found:
                 values = np.atleast_1d(item.attrs[key])
                 self.arrays.append(StoredArray.of(f"{name}.{key}" if name else key, values))
             elif isinstance(text := _text(item.attrs, key), str):
-                self.arrays.append(StoredArray.of(f"{name}.{key}" if name else key, np.array(text)))
+                values = np.array(text)
+                if text.endswith(_END_OF_YAML):  # a number or text as YAML, as HoloPy writes its settings
+                    text = text.removesuffix(_END_OF_YAML)
+                    with suppress(ValueError):
+                        values = np.array([float(text)])
+                self.arrays.append(StoredArray.of(f"{name}.{key}" if name else key, values))
+
+
+def _step(coordinates: Any) -> float | None:
+    """The step of equidistant numbers along an axis; None of others."""
+    if coordinates.ndim != 1 or coordinates.dtype.kind not in "iuf" or not 1 < coordinates.size <= _MOST_COORDINATES:
+        return None
+    steps = np.diff(np.asarray(coordinates[()], np.float64))
+    step = float(abs(steps.mean()))
+    return step if step > 0 and bool((np.abs(np.abs(steps) - step) < _EVEN * step).all()) else None
 
 
 def _text(attributes: Any, key: str) -> str | None:
