@@ -30,3 +30,23 @@ def test_every_plane_of_a_long_stack_gets_its_target() -> None:
         session.close()
     assert len(targets) == 40
     assert all(target is not None for target in targets)
+
+
+def test_a_built_stack_is_the_one_that_is_built_anew() -> None:
+    """To the bit, so that an optimisation that takes it finds the same patterns; none for other planes."""
+    session = EditingSession(preset.load("holochrome-8").edit({"shape": [12, 16]}))
+    pixels = np.random.default_rng(len(__name__)).integers(0, 256, (12, 16, 3), np.uint8)
+    session.edit("Target", target_spec=target_from_pixels(pixels))
+    calls: SimpleQueue = SimpleQueue()
+    builder = TargetBuilder(calls.put, lambda: None, lambda error, where: None)
+    spec, system = session.target_spec, session.system
+    try:
+        assert spec is not None and builder.built_stack(spec, system) is None
+        builder.get(spec, system, float(system.planes_m[0]))
+        calls.get(timeout=PATIENCE_S)()
+        built = builder.built_stack(spec, system)
+    finally:
+        builder.close()
+        session.close()
+    assert built is not None and np.array_equal(built, spec.stack_for(system))
+    assert builder.built_stack(spec, system.with_(planes=["9 mm", "12 mm"])) is None

@@ -10,18 +10,20 @@ from imgui_bundle import hello_imgui
 
 from holoview.light.model.bench_drawing import draw_bench
 from holoview.viewer.app.panels.drawing import DrawingPanel
+from holoview.viewer.app.panels.element import ElementPanel
 from holoview.viewer.app.panels.eye import EyePanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.lasers import LasersPanel
-from holoview.viewer.app.panels.parameters import BenchPanel
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 
+_PANELS = (DrawingPanel, ElementPanel, ImagePanel, LasersPanel, EyePanel)
+
 
 @pytest.fixture
 def gui(make_gui: Callable[..., Gui]) -> Gui:
-    opened = make_gui(small_bench(), (1500, 700), panels=(DrawingPanel, ImagePanel, BenchPanel, LasersPanel, EyePanel))
+    opened = make_gui(small_bench(), (1500, 700), panels=_PANELS)
     opened.context.commands.run("Draw the bench")
     opened.draw_until_idle()
     return opened
@@ -39,7 +41,7 @@ def is_open(title: str) -> bool:
 
 
 def test_a_click_on_a_part_opens_its_panel(gui: Gui) -> None:
-    for key, title in (("modulators.0", "Bench"), ("wavelengths", "Lasers")):
+    for key, title in (("modulators.0", "Element"), ("wavelengths", "Lasers")):
         window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title)
         window.is_visible = False
         gui.draw_until_idle()

@@ -13,10 +13,11 @@ from imgui_bundle import hello_imgui
 from PIL import Image
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
+from holoview.holograms.targets.picture import Picture
 from holoview.light.gpu.device import Device
 from holoview.viewer.app import run
 from holoview.viewer.app.app import App
-from holoview.viewer.app.desktop import connect_desktop
+from holoview.viewer.app.desktop import connect_desktop, fit_text_size
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.script import InputDriver
@@ -90,6 +91,43 @@ def test_recent_files_are_in_the_menu(make_gui: Callable[..., Gui], tmp_path: Pa
     gui.engine(lambda ctx: ctx.menu_click(f"//##MainMenuBar/File/Recent/1 {picture.name}"))
     assert gui.session.wait_until_idle(PATIENCE_S)
     assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
+
+
+def test_recent_files_are_in_the_palette(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    """Also two of one name, which their folders tell apart."""
+    store = SessionStore(tmp_path / "store")
+    for number, folder in enumerate(("one", "two")):
+        picture = tmp_path / folder / "red.png"
+        picture.parent.mkdir()
+        Image.fromarray(np.full((8, 8 + number, 3), (200, 10, 10), np.uint8)).save(picture)
+        store.preferences.add_recent_file(picture)
+    gui = make_gui(panels=(ImagePanel,), store=store)
+    gui.press_chord("Ctrl+P")
+    gui.draw_frames(2)
+    gui.type_text("red.png one")
+    assert [command.group for command in gui.context.help_overlay.matches()] == ["Recent"]
+    gui.press_chord("Enter")
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    gui.draw_until_idle()
+    assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
+    assert isinstance(gui.session.target_spec.source, Picture)
+    assert gui.session.target_spec.source.rgb.shape == (8, 8, 3)
+
+
+@pytest.mark.parametrize(("scale", "width_mm", "expected"), [(1.0, 597, 1.5), (2.0, 597, 1.0), (1.0, 1016, 1.0)])
+def test_text_is_larger_on_a_dense_screen_of_which_no_scale_is_told(
+    gui: Gui, scale: float, width_mm: int, expected: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """4K at 27 inches, the same told by the desktop, and 4K at 46 inches."""
+    monkeypatch.setattr("sys.platform", "linux")
+    glfw = SimpleNamespace(
+        get_primary_monitor=lambda: "monitor",
+        get_window_content_scale=lambda window: (scale, scale),
+        get_video_mode=lambda monitor: SimpleNamespace(size=SimpleNamespace(width=3840)),
+        get_monitor_physical_size=lambda monitor: (width_mm, 1),
+    )
+    fit_text_size(gui.context, glfw, "window")
+    assert gui.context.text_size == expected
 
 
 def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(gui: Gui, tmp_path: Path) -> None:

@@ -406,7 +406,7 @@ def test_the_palette_finds_and_runs_a_command(gui: Gui) -> None:
 
 
 def test_the_palette_has_what_menus_draw_themselves(gui: Gui) -> None:
-    """Themes, sizes of text, panels, presets and the layout: all but the files that were opened last."""
+    """Themes, sizes of text, panels, presets and the layout."""
     names = {command.name for command in gui.context.help_overlay.matches()}
     assert {*(f"{name} theme" for name in THEMES), "Original layout", "Text size 150%"} <= names
     assert {f"Open {name}" for name in preset.names()} <= names

@@ -109,6 +109,22 @@ def test_brightness_follows_a_gap_that_is_dragged(draw: int, device: Device, mon
         each.close()
 
 
+def test_the_table_of_gaps_waits_for_jobs(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(light_by_gap, "IDLE_BEFORE_TABLE_S", 0.0)
+    renderer, system = ProgressiveRenderer(device), small_bench()
+    first = Scene(system, random_drive(system), 1e-2)
+    moved = replace(first, system=system.with_(gap=(system.gap_m or 0.0) * 1.2))
+    table = renderer.light_by_gap
+    table.is_held = True
+    _means(renderer, first)
+    table.wait()
+    assert table.ratio(first, moved) is None
+    table.is_held = False
+    table.wait()
+    assert table.ratio(first, moved) is not None
+    renderer.close()
+
+
 def test_a_badge_tells_the_quick_image_and_old_figures_are_pale(
     make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from imgui_bundle import hello_imgui
 
 import holoview as hv
 from holoview.light.model.bench_drawing import draw_bench
 from holoview.light.model.system import System
 from holoview.viewer.app.panels.drawing import DrawingPanel, element_of
+from holoview.viewer.app.panels.element import ElementPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.parameters import BenchPanel, EffectsPanel
 from holoview.viewer.app.panels.point import PointPanel
@@ -19,7 +21,7 @@ from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 
-_PANELS = (DrawingPanel, ImagePanel, BenchPanel, EffectsPanel, ViewPanel, PointPanel)
+_PANELS = (DrawingPanel, ElementPanel, ImagePanel, BenchPanel, EffectsPanel, ViewPanel, PointPanel)
 
 
 def chain() -> System:
@@ -63,10 +65,7 @@ def test_an_element_is_chosen_by_a_click_and_its_keys_are_edited_with_undo(gui: 
     name = names(gui)[2]
     gui.click(place(gui, name))
     gui.draw_until_idle()
-    panel = gui.app.panel(DrawingPanel)
-    assert panel.chosen == name
-    gui.context.show_panel("Drawing")
-    gui.draw_until_idle()
+    assert gui.context.chosen_element == name
     before = gui.session.system
     gui.click(gui.item_position(f"elements.{name}.levels"))
     gui.draw_until_idle()
@@ -93,7 +92,7 @@ def test_a_length_is_dragged_in_one_step_of_undo(gui: Gui) -> None:
 
 
 def test_a_modulator_is_switched_off_and_on(gui: Gui) -> None:
-    gui.app.panel(DrawingPanel).chosen = names(gui)[2]
+    gui.context.chosen_element = names(gui)[2]
     gui.draw_until_idle()
     seen = gui.context.side_renderers.now.xyz()
     press(gui, "switch element")
@@ -105,7 +104,7 @@ def test_a_modulator_is_switched_off_and_on(gui: Gui) -> None:
 
 def test_what_is_refused_is_told_and_changes_nothing(gui: Gui) -> None:
     before = gui.session.document
-    gui.app.panel(DrawingPanel).chosen = names(gui)[1]
+    gui.context.chosen_element = names(gui)[1]
     gui.draw_until_idle()
     press(gui, "move behind")
     assert gui.session.document is before
@@ -113,12 +112,12 @@ def test_what_is_refused_is_told_and_changes_nothing(gui: Gui) -> None:
 
 
 def test_an_element_is_added_moved_and_removed(gui: Gui) -> None:
-    panel, before = gui.app.panel(DrawingPanel), gui.session.system
+    panel, before = gui.app.panel(ElementPanel), gui.session.system
     gui.context.attempt(panel.add, gui.context, "amplitude")
     gui.draw_until_idle()
-    assert panel.chosen == names(gui)[1] and gui.session.system.elements[1].kind == "amplitude"
+    assert gui.context.chosen_element == names(gui)[1] and gui.session.system.elements[1].kind == "amplitude"
     press(gui, "move before")
-    assert names(gui)[0] == panel.chosen
+    assert names(gui)[0] == gui.context.chosen_element
     press(gui, "remove element")
     assert gui.session.system.elements[0].kind == "phase"
     assert len(names(gui)) == len(before.element_names)
@@ -130,7 +129,7 @@ def test_an_element_is_added_moved_and_removed(gui: Gui) -> None:
 def test_the_image_shows_the_light_behind_an_element_until_escape(gui: Gui) -> None:
     """Behind the last element as `field_at` has it: the sum over lasers of |field|², which are in one frame."""
     system, name = gui.session.system, names(gui)[2]
-    gui.app.panel(DrawingPanel).chosen = name
+    gui.context.chosen_element = name
     gui.draw_until_idle()
     press(gui, "light behind")
     view, seen = gui.session.view_settings, gui.context.page_images.seen_field
@@ -150,8 +149,7 @@ def test_the_image_shows_the_light_behind_an_element_until_escape(gui: Gui) -> N
 
 
 def test_keys_choose_the_next_element(gui: Gui) -> None:
-    panel = gui.app.panel(DrawingPanel)
-    panel.chosen = names(gui)[0]
+    gui.context.chosen_element = names(gui)[0]
     for _ in range(len(_PANELS)):
         gui.press_chord("F6")
         gui.process_frames(8)
@@ -159,10 +157,10 @@ def test_keys_choose_the_next_element(gui: Gui) -> None:
             break
     gui.press_chord("Right")
     gui.process_frames(4)
-    assert panel.chosen == names(gui)[1]
+    assert gui.context.chosen_element == names(gui)[1]
     gui.press_chord("Left")
     gui.process_frames(4)
-    assert panel.chosen == names(gui)[0]
+    assert gui.context.chosen_element == names(gui)[0]
 
 
 def test_panels_that_know_the_short_form_only_say_so_of_a_chain(gui: Gui) -> None:
@@ -172,3 +170,22 @@ def test_panels_that_know_the_short_form_only_say_so_of_a_chain(gui: Gui) -> Non
         gui.draw_until_idle()
     for message in gui.session.messages.all:
         assert message.kind != "error"
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1024, 700)])
+def test_the_image_and_the_whole_height_of_the_strip_are_in_view(
+    make_gui: Callable[..., Gui], size: tuple[int, int]
+) -> None:
+    """The middle of all other docks keeps at least a third of the height; a closed drawing gives back what it took."""
+    gui = make_gui(small_bench(), size)
+    gui.draw_until_idle()
+    left, upper, right, lower = gui.context.item_rects["image"]
+    gui.context.commands.run("Draw the bench")
+    gui.draw_until_idle()
+    now, strip = gui.context.item_rects["image"], gui.context.item_rects["bench drawing"]
+    assert now[:3] == (left, upper, right) and size[1] / 3 < now[3] - upper < lower - upper
+    assert now[3] < strip[1] and strip[3] < size[1]
+    window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name("Drawing")
+    window.is_visible = False
+    gui.process_frames(4)
+    assert gui.context.item_rects["image"] == (left, upper, right, lower)

@@ -18,7 +18,7 @@ from holoview.util.drawing import Box, Drawing, DrawnLine, Label, Place, text_wi
 
 _NAME, _DETAIL = 13.0, 11.0  # sizes of fonts, in points
 _LINE = 16.0  # from line to line of text
-_GUTTER, _MARGIN = 14.0, 18.0
+_GUTTER, _MARGIN, _EDGE = 14.0, 18.0, 4.0  # between columns; beside them, and above and below
 _HALF = 42.0  # height of a beam's half
 _TOP, _BELOW = 46.0, 22.0  # above the beam, for distances; from the beam to the names
 _LEAST, _DECADE = 46.0, 34.0  # room for a short distance, and for each factor of ten above 0.1 mm
@@ -149,9 +149,9 @@ def draw_parts(parts: Sequence[Part], title: str) -> Drawing:
     """The drawing of parts in the order of the light, from left to right. title: in words."""
     columns = _columns(parts)
     width = columns[-1][2] + _MARGIN
-    axis = _MARGIN + _TOP + _HALF
+    axis = _EDGE + _TOP + _HALF
     lines = max(len(part.details) for part in parts)
-    height = axis + _HALF + _BELOW + _LINE * (lines + 1) + _MARGIN
+    height = axis + _HALF + _BELOW + _LINE * (lines + 1) + _EDGE
     strokes = [DrawnLine(((columns[0][1], axis), (columns[-1][1], axis)), "axis"), *_beam(parts, columns, axis)]
     labels: list[Label] = []
     areas: list[tuple[str, Box]] = []
@@ -164,10 +164,10 @@ def draw_parts(parts: Sequence[Part], title: str) -> Drawing:
         if part.distance_m:
             before = columns[number - 1][1]
             ends = (before, x + (_spread(part) if len(part.distance_m) > 1 else 0.0))
-            strokes += _dimension(*ends, _MARGIN + 26, part.distance_key)
-            labels.append(Label(_distance(part), sum(ends) / 2, _MARGIN + 10, _DETAIL, "distance", part.distance_key))
-            areas.append((part.distance_key, (*_corner(ends, _MARGIN), ends[1], _MARGIN + 34)))
-        areas.append((part.key, (left, _MARGIN + 36, right, height - _MARGIN)))
+            strokes += _dimension(*ends, _EDGE + 26, part.distance_key)
+            labels.append(Label(_distance(part), sum(ends) / 2, _EDGE + 10, _DETAIL, "distance", part.distance_key))
+            areas.append((part.distance_key, (*_corner(ends, _EDGE), ends[1], _EDGE + 34)))
+        areas.append((part.key, (left, _EDGE + 36, right, height - _EDGE)))
     return Drawing(width, height, tuple(strokes), tuple(labels), tuple(areas), f"the bench {title}")
 
 

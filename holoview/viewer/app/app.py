@@ -119,6 +119,7 @@ class App:
         self.session.hold(self._is_held())
         self.session.poll()
         self.context.received_fields.poll()
+        self.context.side_renderers.leave_processor(bool(self.session.jobs.active))
         self.context.wants_measurement, self.context.picture_place = False, None
         self.window.set_title(window_title(self.session))
         self._take_keys()
@@ -613,7 +614,8 @@ def draw_status(context: AppContext) -> None:
         imgui.same_line(spacing=20)
         text = "quick view" if renderer.picture is not None and renderer.picture.is_quick else "computing"
         imgui.push_style_var(imgui.StyleVar_.frame_padding, imgui.ImVec2(6, 0))
-        imgui.progress_bar(renderer.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
+        size = imgui.ImVec2(7.5 * imgui.get_font_size(), imgui.get_text_line_height() + 3)
+        imgui.progress_bar(renderer.progress, size, text)
         imgui.pop_style_var()
         tooltip("A cheaper image is shown at once; the full one follows when your hand rests.")
     if context.session.save_problem:

@@ -9,8 +9,9 @@ all keys, and a palette with search.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from holoview.light.gpu.device import Device
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.text import printable
 from holoview.viewer.app import theme
 from holoview.viewer.app.user_input import Chord
 from holoview.viewer.app.window import Window
@@ -143,14 +145,16 @@ _PALETTE_ROWS = 12
 class HelpOverlay:
     """The sheet of keys and the command palette; at most one of them is open.
 
-    run: runs a command by its name. page: "keys", "palette", or "" while both are closed. query: the words typed into
-    the palette.
+    run: runs a command. recent: commands that open the recent files, which the palette alone has. page: "keys",
+    "palette", or "" while both are closed. query: the words typed into the palette.
     """
 
     title = "Keys and commands"
 
-    def __init__(self, commands: CommandRegistry, run: Callable[[str], None]) -> None:
-        self._commands, self._run = commands, run
+    def __init__(
+        self, commands: CommandRegistry, run: Callable[[Command], None], recent: Callable[[], Sequence[Command]]
+    ) -> None:
+        self._commands, self._run, self._recent = commands, run, recent
         self.page = ""
         self.query, self._chosen = "", 0
         self._is_new = False
@@ -187,7 +191,8 @@ class HelpOverlay:
     def matches(self) -> list[Command]:
         """Commands whose group or name contains every word of the query; names that start with it come first."""
         words = self.query.lower().split()
-        matches = [c for c in self._commands if all(word in f"{c.group} {c.name}".lower() for word in words)]
+        known = (*self._commands, *self._recent())
+        matches = [c for c in known if all(word in f"{c.group} {c.name}".lower() for word in words)]
         return sorted(matches, key=lambda c: not c.name.lower().startswith(self.query.lower()))
 
     def _draw_sheet(self) -> None:
@@ -233,7 +238,7 @@ class HelpOverlay:
                 imgui.text_disabled(keys)
             if clicked or (number == self._chosen and imgui.is_key_pressed(imgui.Key.enter)):
                 self.close()
-                self._run(command.name)
+                self._run(command)
         if not found:
             imgui.text_disabled("no command has these words")
 
@@ -279,7 +284,8 @@ class AppContext:
 
     renderer: that of the displayed document, if it has been started already. is_read_only: whether the user can't open,
     save or export files nor end the viewer; commands and buttons for these aren't there. drag_tool: the mark that a
-    drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each frame in which it
+    drag on the image draws, "region" or "line"; "" pans. chosen_element: the name of the element that is edited, of the
+    first if it isn't there. wants_measurement: set by a panel in each frame in which it
     shows measurements of the image. item_rects: where items were drawn in the last frame, by name. picture_place: where
     the image panel drew its picture in this frame, if it did. displayed_pixels:
     returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
@@ -299,6 +305,7 @@ class AppContext:
         self.is_read_only = is_read_only
         self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
         self.drag_tool, self.wants_measurement = "", False
+        self._chosen_element = ""
         self.picture_place: Rect | None = None
         self.kept_pictures = KeptPictures(device)
         self.side_renderers = SideRenderers(device, session, renderer, self.kept_pictures)
@@ -322,9 +329,18 @@ class AppContext:
         stored_size = store.preferences.get("text_size", 1.0) if store is not None else 1.0
         self.text_size = stored_size if stored_size in theme.TEXT_SIZES else 1.0
         self._has_optimised = store is not None and store.preferences.get("has_optimised", False) is True
-        self.help_overlay = HelpOverlay(self.commands, self._run_command)
+        self.help_overlay = HelpOverlay(self.commands, self._run_command, self._recent_files)
         self.overlays: list[Overlay] = [self.help_overlay]
         self.displayed_pixels: Callable[[], NDArray[np.uint8] | None] = lambda: None
+
+    @property
+    def chosen_element(self) -> str:
+        names = self.session.system.element_names
+        return self._chosen_element if self._chosen_element in names else names[0]
+
+    @chosen_element.setter
+    def chosen_element(self, name: str) -> None:
+        self._chosen_element = name
 
     @property
     def is_busy(self) -> bool:
@@ -453,5 +469,13 @@ class AppContext:
         self.point_probe.close()
         self.recording_editor.close()
 
-    def _run_command(self, name: str) -> None:
-        self.attempt(self.commands.run, name)
+    def _run_command(self, command: Command) -> None:
+        if command.is_enabled():
+            self.attempt(command.action)
+
+    def _recent_files(self) -> list[Command]:
+        paths = self.store.preferences.recent_files if self.store is not None else ()
+        names = [printable(f"{path.name}, in {path.parent}") for path in paths]
+        return [
+            Command(name, partial(self.loader.open, path), "Recent") for name, path in zip(names, paths, strict=True)
+        ]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageGrab
 
 from holoview.util.errors import UserError
+from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.document.exports import png_bytes
 
@@ -29,6 +30,32 @@ def connect_desktop(context: AppContext, glfw: Any, window: Any) -> None:
     platform = imgui.get_platform_io()
     platform.platform_set_clipboard_text_fn = lambda context, text: glfw.set_clipboard_string(window, text)
     platform.platform_get_clipboard_text_fn = lambda context: _decode(glfw.get_clipboard_string(window))
+
+
+_USUAL_DPI, _SHARE, _MOST_DPI = 96.0, 0.9, 400.0  # projectors tell sizes that no screen has
+
+
+def fit_text_size(context: AppContext, glfw: Any, window: Any) -> None:
+    """Makes text larger on a dense screen of which the desktop tells no scale, unless the user has chosen its size."""
+    monitor = glfw.get_primary_monitor()
+    is_told = sys.platform != "linux" or tuple(glfw.get_window_content_scale(window)) != (1.0, 1.0)
+    if is_told or not monitor or (context.store is not None and context.store.preferences.get("text_size", 0.0)):
+        return
+    context.text_size = text_size_for(
+        glfw.get_video_mode(monitor).size.width, glfw.get_monitor_physical_size(monitor)[0]
+    )
+    theme.apply(context.theme, context.text_size)
+
+
+def text_size_for(width_px: int, width_mm: int) -> float:
+    """The size of text of `theme.TEXT_SIZES` on a screen of this width, somewhat smaller than on a usual screen.
+
+    >>> text_size_for(1920, 527), text_size_for(3840, 597), text_size_for(3840, 344), text_size_for(1920, 0)
+    (1.0, 1.5, 2.0, 1.0)
+    """
+    dpi = 25.4 * width_px / width_mm if width_mm else 0.0
+    fitting = [size for size in theme.TEXT_SIZES if 1.0 <= size <= _SHARE * dpi / _USUAL_DPI]
+    return max(fitting, default=1.0) if dpi <= _MOST_DPI else 1.0
 
 
 def _take_drop(context: AppContext, window: Any, paths: Sequence[str]) -> None:

@@ -78,7 +78,7 @@ def parameter_field(parameter: Parameter, value: Any) -> WidgetEdit | None:
 
 def _list_field(p: ListParameter, value: Any) -> WidgetEdit | None:
     name, shown = p.name.replace("_", " "), p.format(value, digits=6)
-    entered, text = imgui.input_text(name, shown, imgui.InputTextFlags_.enter_returns_true)
+    entered, text = imgui.input_text(name, shown, _ENTER)
     entered = is_taken_over(entered)
     if _tooltip_and_reset(f"{p.doc}\nnumbers with commas; Enter accepts them, a right click empties the list"):
         return WidgetEdit(p.identity, False)
@@ -155,6 +155,7 @@ def _tooltip_and_reset(doc: str) -> bool:
 # Draws a field of a description (a bench, a relay, an eye) as the widget that fits its type, and makes its edit.
 
 
+_ENTER = imgui.InputTextFlags_.enter_returns_true
 _LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
 _FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}
 _LABELS = {
@@ -256,7 +257,7 @@ def levels_field(name: str, value: Any, doc: str) -> WidgetEdit | None:
 
 
 def _shape(name: str, value: tuple[int, int], doc: str) -> WidgetEdit | None:
-    changed, text = imgui.input_text(name, f"{value[0]}, {value[1]}", imgui.InputTextFlags_.enter_returns_true)
+    changed, text = imgui.input_text(f"{name} (y, x)", f"{value[0]}, {value[1]}", _ENTER)
     changed = is_taken_over(changed)
     tooltip(f"{doc} Enter takes them over, Escape drops them.")
     parts = [part.strip() for part in text.split(",")]
@@ -267,7 +268,7 @@ def _shape(name: str, value: tuple[int, int], doc: str) -> WidgetEdit | None:
 
 def _places(name: str, kind: Several, value: tuple[float, ...], doc: str) -> WidgetEdit | None:
     shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
-    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, imgui.InputTextFlags_.enter_returns_true)
+    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, _ENTER)
     changed = is_taken_over(changed)
     tooltip(f"{doc} Down, right; Enter takes them over, Escape drops them.")
     return WidgetEdit([f"{part.strip()} {kind.item.unit}" for part in text.split(",")], False) if changed else None
@@ -312,7 +313,7 @@ def _coefficients(name: str, kind: Coefficients, value: tuple[tuple[int, float],
 
 def _lengths(name: str, kind: Array, value: Any, doc: str) -> WidgetEdit | None:
     shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
-    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, imgui.InputTextFlags_.enter_returns_true)
+    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, _ENTER)
     changed = is_taken_over(changed)
     tooltip(f"{doc} Several are parted by commas; Enter takes them over, Escape drops them.")
     if not changed:

@@ -290,6 +290,7 @@ class CaptureSection:
             tip = "Runs into a capture file beside rig.toml, which holoview measure can go on with."
             if button(context, "A plan…", tip, width=half):
                 dialog.ask(FileRequest("Run a plan", (".toml",), rig.run_plan))
+        imgui.align_text_to_frame_padding()
         imgui.text(f"{len(rig.captures)} captures")
         imgui.same_line()
         if imgui.button("Save as one file…", imgui.ImVec2(-1, 0)):

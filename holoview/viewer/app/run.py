@@ -21,7 +21,7 @@ from holoview.util.file_writer import save_elsewhere
 from holoview.util.processes import ENDING, Interrupted, Interruption, handled_signals, is_left, leave
 from holoview.util.text import plain_name
 from holoview.viewer.app.app import App
-from holoview.viewer.app.desktop import connect_desktop
+from holoview.viewer.app.desktop import connect_desktop, fit_text_size
 from holoview.viewer.app.panels.rig import open_rig
 from holoview.viewer.app.script import InputDriver, run_script, screenshot, wait_until_idle
 from holoview.viewer.app.serve import Address, ServeOptions, serve
@@ -143,6 +143,7 @@ def run_on_screen(
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
     app = open_app(session, device, canvas, store, files, renderer, rig=rig, listen=listen)
     connect_desktop(app.context, glfw, canvas._window)
+    fit_text_size(app.context, glfw, canvas._window)
     if on_image is not None:
         loop.add_task(_close_after_image, app, on_image, bool(files.names), name="until image")
     _run_loop(app, store, loop, loop.run)

@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 
 from holoview.holograms.metrics.retinal import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.holograms.optimise.checkpoint import IterationState
-from holoview.holograms.optimise.eyes import OptimisedEyes, target_at_places
+from holoview.holograms.optimise.eyes import OptimisedEyes, PupilPlaces, target_at_places
 from holoview.holograms.optimise.memory import with_compact_grid
 from holoview.holograms.optimise.settings import FIELD_LOSS, NEXT_ITERATIONS, Settings
 from holoview.holograms.targets.live_pictures import LivePictures, open_live_pictures
+from holoview.holograms.targets.moving_pupil import StacksAt
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.view import random_drive
 from holoview.light.model.drives import drive_fits
@@ -159,7 +160,7 @@ class OptimisationJob(BackgroundJob):
         system = request.eyes.aimed(system)
         places = request.eyes.places_in(system)
         settings = places.in_settings(request.settings)
-        seen = None if request.compares_fields else target_at_places(target_spec, system, places)
+        seen = None if request.compares_fields else self._seen_target(target_spec, system, places)
         stack = target_spec.fields_for(system) if seen is None else seen
         start = drive if request.start_patterns == "now" and drive_fits(system, drive) else None
         control.report(request.done, request.settings.iterations, "loading the optimiser")
@@ -185,6 +186,14 @@ class OptimisationJob(BackgroundJob):
                 break
         assert state is not None
         return self._as_document(state)
+
+    def _seen_target(
+        self, target_spec: TargetSpec, system: System, places: PupilPlaces
+    ) -> NDArray[np.float32] | StacksAt:
+        """The stacks that an eye sees from places of its pupil; from its own, those that the window has built."""
+        is_moved = places.drawn or places.fixed
+        built = None if is_moved else self._session.target_builder.built_stack(target_spec, system)
+        return target_at_places(target_spec, system, places) if built is None else built
 
     def _report(self, control: JobControl, state: IterationState) -> None:
         progress = OptimisationProgress(

@@ -179,6 +179,13 @@ class TargetBuilder:
         self._task.submit(request.build, partial(self._on_built, request), request.key)
         return None
 
+    def built_stack(self, target_spec: TargetSpec, system: System) -> Image | None:
+        """The focal stack (plane, y, x, 3) of a system, as `TargetSpec.stack_for` builds it; None until it is built."""
+        images = [self._cache.get(_TargetRequest(target_spec, system, float(z)).key) for z in system.planes_m]
+        return (
+            np.stack([image for image in images if image is not None]) if all(i is not None for i in images) else None
+        )
+
     def others(self, target_spec: TargetSpec, system: System, plane_m: float) -> OtherPlanes:
         """The targets that are built for other planes of the system."""
         found = {float(z): self._cache.get(_TargetRequest(target_spec, system, float(z)).key) for z in system.planes_m}

@@ -44,19 +44,38 @@ class _Table:
 
 
 class LightByGap:
-    """A table of the light by the gap, filled on a thread: `prepare` after each full frame, `ratio` while it moves."""
+    """A table of the light by the gap, filled on a thread: `prepare` after each full frame, `ratio` while it moves.
+
+    is_held: while it is true nothing is computed, so that jobs have the processor; what was asked for last follows.
+    """
 
     def __init__(self) -> None:
         self._table: _Table | None = None
         self._begun: tuple[Any, System, dict[float, list[float]]] | None = None  # of a drive and a bench, by the gap
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
+        self._wanted: Scene | None = None
+        self._is_held = False
+
+    @property
+    def is_held(self) -> bool:
+        return self._is_held
+
+    @is_held.setter
+    def is_held(self, is_held: bool) -> None:
+        if is_held == self._is_held:
+            return
+        self._is_held = is_held
+        if is_held:
+            self._stop.set()
+        elif self._wanted is not None:
+            self.prepare(self._wanted)
 
     def prepare(self, scene: Scene) -> None:
         """Begins the table of a scene on a thread, unless it is there; not without a gap, nor for a huge grid."""
         self.stop()
-        system = scene.system
-        if system.is_chain or not system.gap_m or self._holds(scene):
+        system, self._wanted = scene.system, scene
+        if self._is_held or system.is_chain or not system.gap_m or self._holds(scene):
             return
         if math.prod(make_plan(system).grid.padded) <= _MOST_SAMPLES:
             self._stop = threading.Event()
@@ -77,6 +96,7 @@ class LightByGap:
 
     def stop(self) -> None:
         """Ends the thread's work, at the latest behind the laser that it computes now."""
+        self._wanted = None
         self._stop.set()
 
     def close(self) -> None:

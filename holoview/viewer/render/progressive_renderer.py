@@ -564,6 +564,11 @@ class SideRenderers:
             if scene is not None and (self.kept is None or self.kept.picture(side, scene) is None):
                 self._renderer_for(side).request(scene)
 
+    def leave_processor(self, to_jobs: bool) -> None:
+        """Holds back what is computed beside the images while jobs run."""
+        for renderer in (self.now, *self._others.values()):
+            renderer.light_by_gap.is_held = to_jobs
+
     def compute_slice(self) -> bool:
         """Computes a slice of the first side that isn't up to date; returns whether a picture has changed."""
         for side in self.visible_sides():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.panels.drawing import DrawingPanel
+from holoview.viewer.app.panels.element import ElementPanel
 from holoview.viewer.app.panels.eye import EyePanel
 from holoview.viewer.app.panels.files import FilesPanel, HistoryPanel
 from holoview.viewer.app.panels.focus import FocusPanel
@@ -41,6 +42,7 @@ ALL: tuple[type[Panel], ...] = (
     HologramsPanel,
     RegionsPanel,
     DrawingPanel,
+    ElementPanel,
     RigPanel,
     CameraPanel,
     RigDiagnosisPanel,

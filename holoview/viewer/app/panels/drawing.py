@@ -1,27 +1,26 @@
-"""The panel in which the bench is drawn as a strip, from the source to the eye, and its elements are edited.
+"""The panel in which the bench is drawn as a strip, from the source to the eye.
 
-A click chooses an element, whose keys stand below; a drag on a length changes it. The left and right arrows choose the
-next one while the strip has the keys.
+A click chooses an element, whose keys the panel Element has; a drag on a length changes it. The left and right arrows
+choose the next one while the strip has the keys. Below the image its dock grows to the height of the strip, so that the
+image stays in view.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from functools import partial
 
-from imgui_bundle import imgui
+from imgui_bundle import hello_imgui, imgui
 
 from holoview.light.model.bench_drawing import draw_bench
-from holoview.light.model.chain import place_of
-from holoview.light.model.elements import FieldPlane, Pixels, Space
+from holoview.light.model.elements import Space
 from holoview.light.model.system import System
 from holoview.util.drawing import Drawing, DrawnLine, colour_of, line_width
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.parameter_widgets import draw_element
-from holoview.viewer.app.widgets import FINE, button, combo, pale, show_tooltip, wrapped_text
+from holoview.viewer.app.panels.element import ElementPanel
+from holoview.viewer.app.widgets import FINE, show_tooltip
 from holoview.viewer.document import chain_edits
 
 _LARGEST_SCALE = 1.5  # over the least, at which its texts are as large as others
@@ -29,56 +28,69 @@ _FONT_PT = 14.0  # of a panel's text of usual size
 _PANELS = {"wavelengths": "Lasers", "planes": "Focal plane", "eye": "Eye", "observer": "Lasers"}
 _DECADE_PX = 300.0  # of a drag for a factor of ten
 _OFF_COLOUR = imgui.IM_COL32(255, 255, 255, 190)
-_ADD = "Add behind it …"
 
 
 class DrawingPanel(Panel):
-    """Draws the bench of the session, the parts in the order of the light, and the keys of the chosen element.
-
-    chosen: its name; that of the first if it isn't there.
-    """
+    """Draws the bench of the session, the parts in the order of the light, and frames the chosen element."""
 
     title = "Drawing"
-    dock = "Centre"
+    dock = "Bottom"
     starts_open = False
 
     def __init__(self) -> None:
-        self.chosen, self._dragged = "", ""
+        self._dragged = ""
         self._has_moved = False
         self._drawing: tuple[object, Drawing] | None = None
-        self._reset: System | None = None
+        self._is_new = True
+        self._grown: tuple[int, float] | None = None  # the dock that has grown for it, and its height before
 
     def set_up(self, context: AppContext) -> None:
-        """Adds the command that opens the panel."""
-        show = partial(context.show_panel, self.title)
+        """Adds the command that opens the panel, and that of the chosen element."""
+
+        def show() -> None:
+            context.show_panel(ElementPanel.title)
+            context.show_panel(self.title)
+
         help = "Lasers, elements, spaces, planes and eye, with their distances: click one to edit it."
         context.commands.add("Window", "Draw the bench", show, help=help)
+
+    def wants_to_open(self, context: AppContext) -> bool:
+        """Never; once it was closed, its dock gets the height back, and grows anew with the next opening."""
+        window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name(self.title)
+        if window is not None and not window.is_visible:
+            self._is_new = True
+            if self._grown is not None:
+                _set_height(*self._grown)
+                self._grown = None
+        return False
 
     def draw(self, context: AppContext) -> None:
         """Draws it as wide as the panel, and scrolls where its texts would become too small."""
         system = context.session.system
         if self._drawing is None or self._drawing[0] is not system:
             self._drawing = system, draw_bench(system)
-            if self._reset is None or self._reset.element_names != system.element_names:
-                self._reset = system
-        if self.chosen not in system.element_names:
-            self.chosen = system.element_names[0]
-        self._draw_strip(context, self._drawing[1])
-        self._draw_off(context)
-        if imgui.begin_child("element", imgui.ImVec2(0, 0), imgui.ChildFlags_.nav_flattened):
-            self._draw_actions(context)
-            self._draw_keys(context)
-        imgui.end_child()
+        drawing = self._drawing[1]
+        least = imgui.get_font_size() / _FONT_PT
+        room = imgui.get_content_region_avail()
+        scale = min(max(room.x / drawing.width, least), _LARGEST_SCALE * least)
+        if self._is_new and room.y > 1:
+            self._grow_dock(drawing.height * scale + imgui.get_style().scrollbar_size - room.y)
+        scale = min(scale, max(room.y / drawing.height, least))
+        self._draw_strip(context, drawing, scale)
+
+    def _grow_dock(self, missing: float) -> None:
+        """Makes its dock higher by what is missing, once after it was opened; a splitter moves it as ever."""
+        self._is_new = False
+        node = imgui.internal.get_current_window().dock_node
+        if node is not None and missing > 0 and not (node.is_floating_node() or node.is_central_node()):
+            self._grown = node.id_, node.size.y
+            _set_height(node.id_, node.size.y + missing)
 
     # --- the strip --------------------------------------------------------------------------------------------------
 
-    def _draw_strip(self, context: AppContext, drawing: Drawing) -> None:
-        least = imgui.get_font_size() / _FONT_PT
-        room = imgui.get_content_region_avail().x
-        scale = min(max(room / drawing.width, least), _LARGEST_SCALE * least)
-        height = drawing.height * scale + imgui.get_style().scrollbar_size + 2 * imgui.get_style().window_padding.y
+    def _draw_strip(self, context: AppContext, drawing: Drawing, scale: float) -> None:
         flags = imgui.WindowFlags_.horizontal_scrollbar
-        if imgui.begin_child("drawing", imgui.ImVec2(0, height), imgui.ChildFlags_.nav_flattened, flags):
+        if imgui.begin_child("drawing", imgui.ImVec2(0, 0), imgui.ChildFlags_.nav_flattened, flags):
             corner = imgui.get_cursor_screen_pos()
             size = imgui.ImVec2(drawing.width * scale, drawing.height * scale)
             imgui.invisible_button("##bench", size, imgui.ButtonFlags_.enable_nav)
@@ -101,7 +113,7 @@ class DrawingPanel(Panel):
             high = imgui.ImVec2(corner.x + right * scale, corner.y + bottom * scale)
             if name and not chain_edits.is_on(document, name):
                 canvas.add_rect_filled(low, high, _OFF_COLOUR)
-            if name and name == self.chosen:
+            if name and name == context.chosen_element:
                 canvas.add_rect(low, high, accent, 3.0, 2.0)
 
     def _answer_mouse(self, context: AppContext, drawing: Drawing, corner: imgui.ImVec2, scale: float) -> None:
@@ -127,96 +139,20 @@ class DrawingPanel(Panel):
             show_tooltip(_tip(system, key))
 
     def _choose(self, context: AppContext, key: str) -> None:
-        """Chooses the element of a key, and opens the panel of what is none, or of a short form's."""
-        system = context.session.system
-        self.chosen = element_of(system, key) or self.chosen
-        of = key.partition(".")[0]
-        if of in _PANELS or not system.is_chain:
-            context.show_panel(_PANELS.get(of, "Bench"))
+        """Chooses the element of a key, and opens its panel, or that of what is none."""
+        context.chosen_element = element_of(context.session.system, key) or context.chosen_element
+        context.show_panel(_PANELS.get(key.partition(".")[0], ElementPanel.title))
 
     def _answer_keys(self, context: AppContext, drawing: Drawing, scale: float) -> None:
         names = context.session.system.element_names
         for key, step in ((imgui.Key.left_arrow, -1), (imgui.Key.right_arrow, 1)):
             imgui.set_item_key_owner(key)
             if imgui.is_key_pressed(key):
-                self.chosen = names[min(max(names.index(self.chosen) + step, 0), len(names) - 1)]
-                areas = [box for of, box in drawing.areas if element_of(context.session.system, of) == self.chosen]
+                name = names[min(max(names.index(context.chosen_element) + step, 0), len(names) - 1)]
+                context.chosen_element = name
+                areas = [box for of, box in drawing.areas if element_of(context.session.system, of) == name]
                 if areas:
                     imgui.set_scroll_x(max(areas[0][0] * scale - imgui.get_window_width() / 2, 0.0))
-
-    # --- the chosen element -----------------------------------------------------------------------------------------
-
-    def _draw_off(self, context: AppContext) -> None:
-        """Draws a button for each element that was taken away by switching it off."""
-        document = context.session.document
-        for parked in document.parked:
-            if parked.name in document.system.element_names:
-                continue
-            imgui.text_disabled(f"{parked.name} is switched off")
-            imgui.same_line()
-            if button(context, f"Switch on##{parked.name}", name=f"switch on {parked.name}"):
-                context.attempt(chain_edits.switch_element, context.session, parked.name)
-
-    def _draw_actions(self, context: AppContext) -> None:
-        session, name = context.session, self.chosen
-        imgui.separator_text(f"{name}  ·  {_kind(session.system, name)}")
-        edit = context.attempt
-        is_on = chain_edits.is_on(session.document, name)
-        tip = "A modulator passes all light then, a space has no stops, others aren't there; on again as it was."
-        if button(context, "Switch off" if is_on else "Switch on", tip, name="switch element"):
-            edit(chain_edits.switch_element, session, name)
-        imgui.same_line()
-        if button(context, "Remove", "Takes it away; undo brings it back.", name="remove element"):
-            edit(chain_edits.remove_element, session, name)
-        for label, step in (("<", -1), (">", 1)):
-            imgui.same_line()
-            where = "before" if step < 0 else "behind"
-            if button(context, label, f"Exchanges it with the element {where} it; spaces stay.", name=f"move {where}"):
-                edit(chain_edits.move_element, session, name, step)
-        imgui.same_line()
-        if button(
-            context, "Light behind it", "In the image; Escape goes back to the focal plane.", name="light behind"
-        ):
-            edit(self._show_light, context, name)
-        width = imgui.get_font_size() * 9
-        kind = combo("##add", _ADD, (_ADD, *chain_edits.ADDED_KINDS), "In the middle of a space.", width)
-        context.record_item_rect("add element")
-        if kind != _ADD:
-            edit(self.add, context, kind)
-
-    def add(self, context: AppContext, kind: str) -> None:
-        """Adds an element of a kind behind the chosen one, and chooses it. Raises UserError where it can't be."""
-        self.chosen = chain_edits.add_element(context.session, kind, self.chosen)
-
-    def _show_light(self, context: AppContext, name: str) -> None:
-        stage = context.session.system.stage_behind(name)
-        context.session.edit_view("Light behind", page="field", stage=stage, quantity="intensity", compare="off")
-        context.show_panel("Image")
-
-    def _draw_keys(self, context: AppContext) -> None:
-        session, name = context.session, self.chosen
-        system = session.system
-        if name not in system.element_names:
-            return
-        index = system.part(name)
-        element, reset = system.elements[index], (self._reset or system).elements[min(index, len(system.elements) - 1)]
-        if not system.is_chain and isinstance(element, Pixels) and not isinstance(element, FieldPlane):
-            count = len(system.modulators)
-            both = "both have one pitch and shape, which change together; " if count == 2 else ""
-            tail = "its place is the axis, and its patterns are of each frame"
-            wrapped_text(f"A modulator of the short form: {both}{tail}.", pale())
-        if isinstance(element, Space) and element.distance_m is None:
-            imgui.text_disabled("Its length is told by the planes.")
-        imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
-        draw_element(context, system, element, reset if type(reset) is type(element) else element, name)
-        imgui.pop_item_width()
-
-
-def _kind(system: System, name: str) -> str:
-    """What an element is: its kind, and its place in a short form."""
-    index, count = system.part(name), len(system.elements)
-    kind = system.elements[index].kind
-    return kind if system.is_chain else f"{kind}, {place_of(index, count)}"
 
 
 def element_of(system: System, key: str) -> str:
@@ -227,6 +163,13 @@ def element_of(system: System, key: str) -> str:
     if kind in ("elements", "modulators"):
         return names[int(number) * (1 if kind == "elements" else 2)]
     return names[places[kind]] if kind in places else ""
+
+
+def _set_height(dock: int, height: float) -> None:
+    """Sets the height of a dock beside the middle one, which takes the rest, from the next frame on."""
+    node = imgui.internal.dock_builder_get_node(dock)
+    if node is not None:
+        imgui.internal.dock_builder_set_node_size(dock, imgui.ImVec2(node.size.x, height))
 
 
 def _length(system: System, key: str) -> tuple[float | None, str]:
@@ -263,10 +206,11 @@ def _paint(drawing: Drawing, corner: imgui.ImVec2, scale: float) -> None:
                 canvas.add_line(first, second, _colour(colour_of(stroke.role)), width)
     for label in drawing.labels:
         size = label.size * scale
-        width = imgui.calc_text_size(label.text).x * size / imgui.get_font_size()
+        text = label.text if label.role == "name" else label.text.replace(" x ", " × ").replace(" um", " µm")
+        width = imgui.calc_text_size(text).x * size / imgui.get_font_size()
         at = place(label.x, label.y)
         at = imgui.ImVec2(at.x - width / 2, at.y - size / 2)
-        canvas.add_text(font, size, at, _colour(colour_of(label.role)), label.text)
+        canvas.add_text(font, size, at, _colour(colour_of(label.role)), text)
 
 
 def _fill(canvas: imgui.ImDrawList, stroke: DrawnLine, points: list[imgui.ImVec2]) -> None:

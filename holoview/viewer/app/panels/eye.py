@@ -5,6 +5,7 @@ Its widgets: a map of the eyebox with the pupil, its recorded path, a graph of i
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -99,7 +100,7 @@ def _forget(context: AppContext) -> None:
 # A small map of the eyebox with the pupil as a circle, which a drag moves and the wheel resizes, and with its path.
 
 
-_SIZE_PX = 150.0
+_SIZE_EM = 10.0  # of the map, in heights of the font
 _MARGIN = 1.5  # half the side of the map over half the side of the eyebox at the longest wavelength
 _PER_NOTCH = 1.08  # of the wheel, on the diameter
 _GROUND = imgui.IM_COL32(18, 18, 20, 255)
@@ -114,11 +115,12 @@ _END_RADIUS_PX = 3.0
 def draw_pupil_map(context: AppContext) -> None:
     """Draws the eyebox of each wavelength and the pupil, and moves it."""
     corner, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
-    size = imgui.ImVec2(max(width, 80.0), _SIZE_PX)
+    side = _SIZE_EM * imgui.get_font_size()
+    size = imgui.ImVec2(max(width, side / 2), side)
     imgui.invisible_button("##pupil map", size)
     context.record_item_rect("pupil map")
     middle = imgui.ImVec2(corner.x + size.x / 2, corner.y + size.y / 2)
-    scale = _SIZE_PX / 2 / (_MARGIN * eyebox_half_m(context.session.system))  # pixels a metre
+    scale = side / 2 / (_MARGIN * eyebox_half_m(context.session.system))  # pixels a metre
     handle_pupil(context, middle, scale)
     draw_list = imgui.get_window_draw_list()
     draw_list.push_clip_rect(corner, imgui.ImVec2(corner.x + size.x, corner.y + size.y), True)
@@ -148,15 +150,20 @@ def handle_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> Non
 
 
 def draw_eyeboxes(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
-    """Draws the edge of each laser's eyebox in its colour, with its number; scale: pixels a metre."""
+    """Draws the edge of each laser's eyebox in its colour; scale: pixels a metre.
+
+    With its number on the right, where the next wider eyebox leaves room for it.
+    """
     system, draw_list = context.session.system, imgui.get_window_draw_list()
-    for number, wavelength in enumerate(system.wavelengths_m.tolist(), 1):
-        half = eyebox_half_m(system, wavelength) * scale
+    wider = math.inf
+    for number, wavelength in sorted(enumerate(system.wavelengths_m.tolist(), 1), key=lambda of: -of[1]):
+        half, text = eyebox_half_m(system, wavelength) * scale, f" {number}"
         colour = imgui.get_color_u32(laser_colour(wavelength))
         low, high = imgui.ImVec2(middle.x - half, middle.y - half), imgui.ImVec2(middle.x + half, middle.y + half)
         draw_list.add_rect(low, high, colour, 0, 1.0)
-        width = imgui.calc_text_size(str(number)).x
-        draw_list.add_text(imgui.ImVec2(high.x - width - 2, high.y - imgui.get_font_size()), colour, str(number))
+        if half + imgui.calc_text_size(text).x < wider:
+            draw_list.add_text(imgui.ImVec2(high.x, high.y - imgui.get_font_size()), colour, text)
+        wider = half
 
 
 def draw_path(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
@@ -186,12 +193,12 @@ def draw_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
 # --- A graph of which plane the eye sees at which wavelength, beside the focal planes of the bench ---
 
 
-_HEIGHT = 170.0
+_HEIGHT_EM = 11.3
 _FLAGS = implot.Flags_.no_menus | implot.Flags_.no_legend | implot.Flags_.no_mouse_text | implot.Flags_.no_inputs
 _AXIS = implot.AxisFlags_.no_grid_lines | implot.AxisFlags_.no_menus | implot.AxisFlags_.no_highlight
 _FIRST_NM, _LAST_NM = 390.0, 710.0
 _PLANE = imgui.ImVec4(0.55, 0.57, 0.60, 0.8)
-_GRAPH_MARGIN = 0.1  # of the range, above and below
+_GRAPH_MARGIN = 0.2  # of the range, above and below, for the numbers
 
 
 def draw_focus_graph(context: AppContext) -> None:
@@ -202,7 +209,7 @@ def draw_focus_graph(context: AppContext) -> None:
     low, high = min(system.planes_m.min(), seen.min()), max(system.planes_m.max(), seen.max())
     margin = _GRAPH_MARGIN * (high - low) or 1e-3
     low, high = low - margin, high + margin
-    if not implot.begin_plot("##focus of wavelengths", imgui.ImVec2(-1, _HEIGHT), _FLAGS):
+    if not implot.begin_plot("##focus of wavelengths", imgui.ImVec2(-1, _HEIGHT_EM * imgui.get_font_size()), _FLAGS):
         return
     implot.setup_axes("wavelength (nm)", "plane seen (mm)", _AXIS, _AXIS)
     implot.setup_axis(implot.ImAxis_.y2, "dioptres", _AXIS | implot.AxisFlags_.opposite)

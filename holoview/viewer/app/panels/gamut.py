@@ -41,9 +41,11 @@ class GamutPanel(Panel):
         flags = implot.Flags_.equal | implot.Flags_.no_menus
         if not implot.begin_plot("##gamut", imgui.ImVec2(-1, -1), flags):
             return
+        implot.push_style_var(implot.StyleVar_.legend_inner_padding, imgui.ImVec2(3, 1))  # as small as it can be: the
+        implot.push_style_var(implot.StyleVar_.legend_padding, imgui.ImVec2(2, 2))  # lasers are beside it
         implot.setup_axes("x", "y")
         implot.setup_axes_limits(-0.02, 0.78, -0.02, 0.88)
-        implot.setup_legend(implot.Location_.north_east)
+        implot.setup_legend(implot.Location_.north_east, implot.LegendFlags_.no_buttons)
         _plot_outline("spectrum", spectral_locus(system.observer), _OUTLINE)
         for name, corners in DISPLAY_PRIMARIES.items():
             _plot_outline(name, np.array(corners), _TRIANGLE_COLOURS[name])
@@ -53,6 +55,7 @@ class GamutPanel(Panel):
             plots.laser_mark(index, float(system.wavelengths_m[index]), x, y)
         _dot("##white", *D65_XY, imgui.ImVec4(1, 1, 1, 1), 3)
         implot.end_plot()
+        implot.pop_style_var(2)
 
     def _draw_cloud(self, context: AppContext) -> None:
         xyz = context.side_renderers.xyz(NOW)

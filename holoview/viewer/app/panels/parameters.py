@@ -50,6 +50,10 @@ _TITLES = {
     "modulators": "Modulators",
     "source": "Source",
 }
+_HELP = {
+    "modulators": "What all modulators of the bench have in common: pixels, stroke and levels.",
+    "source": "The plane waves that light the first modulator: how many, and from where.",
+}
 _MAX_SOURCES = 7  # along each axis
 
 
@@ -83,15 +87,14 @@ class BenchPanel(Panel):
                 continue
             if (key == "relay1" and system.gap_m is None) or (key in ("relay1", "relay2") and system.is_chain):
                 continue
-            if _header(context, _TITLES.get(key, key.capitalize())):
-                tooltip(field.metadata["doc"])
+            if _header(context, _TITLES.get(key, key.capitalize()), field.metadata["doc"]):
                 draw_fields(context, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
         imgui.pop_item_width()
 
     # --- modulators and source --------------------------------------------------------------------------------------
 
     def _draw_modulators(self, context: AppContext, system: System) -> None:
-        if not _header(context, "Field" if system.is_field else "Modulators"):
+        if not _header(context, "Field" if system.is_field else "Modulators", _HELP["modulators"]):
             return
         modulator, reset = system.modulators[0], self._reset.modulators[0] if self._reset else system.modulators[0]
         for key, field in describe.fields_by_key(type(modulator)).items():
@@ -119,7 +122,7 @@ class BenchPanel(Panel):
             context.attempt(context.session.change, "Modulators", changes)
 
     def _draw_source(self, context: AppContext, system: System) -> None:
-        if not _header(context, "Source"):
+        if not _header(context, "Source", _HELP["source"]):
             return
         count = len(system.source.directions_rad)
         imgui.text_disabled("one plane wave" if count == 1 else f"{count} plane waves, mutually incoherent")
@@ -159,9 +162,11 @@ def _draw_frames(context: AppContext, system: System, reset: System) -> None:
         context.change("Frames", "frames", edited.value, is_held=edited.is_held)
 
 
-def _header(context: AppContext, title: str) -> bool:
+def _header(context: AppContext, title: str, doc: str) -> bool:
+    """Draws a section's title, with its help open or closed; returns whether it is open."""
     is_open = imgui.collapsing_header(title)
     context.record_item_rect(title)
+    tooltip(doc)
     return is_open
 
 

@@ -89,7 +89,8 @@ def _draw_buttons(context: AppContext) -> None:
 def _draw_table(context: AppContext, rows: tuple[RegionRow, ...], view: ViewSettings) -> None:
     has_images = len({row.image for row in rows}) > 1
     flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_fixed_fit | imgui.TableFlags_.scroll_x
-    height = (len(rows) + 1) * imgui.get_frame_height_with_spacing() + imgui.get_style().scrollbar_size
+    line = imgui.get_frame_height_with_spacing() if view.regions else imgui.get_text_line_height_with_spacing()
+    height = (len(rows) + 1) * line + imgui.get_style().scrollbar_size
     columns = (*_COLUMNS, *(("image",) if has_images else ()))
     if not imgui.begin_table("regions", len(columns), flags, imgui.ImVec2(0, height)):
         return

@@ -144,7 +144,7 @@ def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
     if measurements.problem:
         wrapped_text(measurements.problem, theme.signal_colour("warning"))
     region = measurements.region
-    if region is None or not imgui.begin_table("numbers", 2, imgui.TableFlags_.sizing_stretch_prop):
+    if region is None or not _begin_numbers():
         return
     _row("Contrast", region.text)
     if region.psnr_db is not None:
@@ -168,10 +168,19 @@ def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
         wrapped_text(f"Note: {region.doubt}.", theme.signal_colour("warning"))
 
 
+def _begin_numbers() -> bool:
+    """Begins the table, whose values are seen whole; names take the rest, in as many lines as they need."""
+    is_open = imgui.begin_table("numbers", 2)
+    if is_open:
+        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_stretch)
+        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_fixed)
+    return is_open
+
+
 def _row(key: str, value: str, label: str = "") -> None:
     imgui.table_next_row()
     imgui.table_next_column()
-    imgui.text(label or _NAMES.get(key, key))
+    imgui.text_wrapped(label or _NAMES.get(key, key))
     tooltip(_TIPS[key])
     imgui.table_next_column()
     imgui.text(value)
