@@ -309,6 +309,19 @@ def _assert_saved_once_possible(
     assert last is not None and last.restore().system.gap_m == 2e-3
 
 
+def test_two_viewers_keep_each_others_preferences(tmp_path: Path) -> None:
+    path = tmp_path / "preferences.json"
+    one, other = Preferences(path), Preferences(path)
+    one.set("theme", "Light")
+    one.add_recent_file(tmp_path / "one.png")
+    other.set("text_size", 1.5)
+    other.add_recent_file(tmp_path / "other.png")
+    assert other.get("theme", "Dark") == "Dark"  # as it looks
+    both = Preferences(path)
+    assert both.get("theme", "") == "Light" and both.get("text_size", 1.0) == 1.5
+    assert both.get("recent", [""]) == [str(tmp_path.resolve() / name) for name in ("other.png", "one.png")]
+
+
 def test_preferences_are_kept_and_damaged_ones_begun_anew(tmp_path: Path) -> None:
     path = tmp_path / "preferences.json"
     Preferences(path).set("theme", "light")

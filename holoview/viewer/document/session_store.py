@@ -413,7 +413,8 @@ def state_folder() -> Path:
 class Preferences:
     """JSON values by name in one file, such as the theme and the recent files.
 
-    A file that can't be read counts as empty; a damaged file is kept aside. problem: a line about that, or "".
+    Viewers that are open at the same time keep what the others have stored; each sees their changes when it starts. A
+    file that can't be read counts as empty; a damaged file is kept aside. problem: a line about that, or "".
     """
 
     def __init__(self, path: Path) -> None:
@@ -421,12 +422,10 @@ class Preferences:
         self._values: dict[str, Any] = {}
         self.problem = ""
         try:
-            self._values = dict(json.loads(path.read_text(encoding="utf-8")))
-        except FileNotFoundError:
-            pass
+            self._values = self._stored()
         except OSError as error:
             self.problem = f"preferences: {path} can't be read: {error.strerror}; the usual ones are used"
-        except (ValueError, TypeError, RecursionError):
+        except ValueError:
             self.problem = f"preferences: {set_aside(path)}; the usual ones are used"
 
     def get(self, key: str, default: T) -> T:
@@ -441,7 +440,7 @@ class Preferences:
         """
         if self._values.get(key) == value and key in self._values:
             return
-        text = json.dumps(self._values | {key: value}, indent=1)
+        text = json.dumps(self._values | self._stored_or_none() | {key: value}, indent=1)
         self._values[key] = value
         try:
             make_folder(self._path.parent)
@@ -452,17 +451,32 @@ class Preferences:
     @property
     def recent_files(self) -> tuple[Path, ...]:
         """The files that were opened last and still exist, newest first."""
-        return tuple(path for path in map(Path, self._recent_names()) if _exists(path))
+        return tuple(path for path in map(Path, _names(self._values)) if _exists(path))
 
     def add_recent_file(self, path: Path) -> None:
         """Puts a file first in the list of recent files."""
         name = str(path.resolve())
-        others = [other for other in self._recent_names() if other != name]
-        self.set("recent", [name, *others][:MAX_RECENT_FILES])
+        names = dict.fromkeys((name, *_names(self._stored_or_none()), *_names(self._values)))
+        self.set("recent", list(names)[:MAX_RECENT_FILES])
 
-    def _recent_names(self) -> list[str]:
-        stored: list[Any] = self.get("recent", [])
-        return [name for name in stored if isinstance(name, str)]
+    def _stored(self) -> dict[str, Any]:
+        """The values in the file, none if it isn't there. Raises OSError or ValueError when it can't be read."""
+        try:
+            return dict(json.loads(self._path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            return {}
+        except (TypeError, RecursionError) as error:
+            raise ValueError(str(error)) from error
+
+    def _stored_or_none(self) -> dict[str, Any]:
+        with suppress(OSError, ValueError):
+            return self._stored()
+        return {}
+
+
+def _names(values: dict[str, Any]) -> list[str]:
+    stored = values.get("recent", [])
+    return [name for name in stored if isinstance(name, str)] if isinstance(stored, list) else []
 
 
 def _exists(path: Path) -> bool:

@@ -730,9 +730,6 @@ function drawSpectrum(viewer) {
         const points = []
         for (let nm = low; nm <= high; nm += 3) points.push(`${x(nm).toFixed(1)},${(80 - 76 * rows[nm - PAGE.cones.first_nm][cone]).toFixed(1)}`)
         shape(svg, "polyline", { points: points.join(" "), fill: "none", stroke: colour, "stroke-width": 1.5 })
-        const most = rows.reduce((best, row, at) => (row[cone] > rows[best][cone] ? at : best), 0)
-        const name = shape(svg, "text", { x: x(PAGE.cones.first_nm + most).toFixed(1), y: 13, "font-size": 9, "text-anchor": "middle", fill: "currentColor" })
-        name.textContent = "LMS"[cone]
     })
     const { lasers, powers, wavelengths_m } = lasersOf(viewer.state, viewer.lasersShown())
     wavelengths_m.forEach((λ, i) => {
@@ -742,6 +739,14 @@ function drawSpectrum(viewer) {
         const number = shape(svg, "text", { x: at, y: on ? 78 - 70 * Math.min(powers[i], 1) : 72, "font-size": 9, "text-anchor": "middle", fill: "currentColor" })
         number.textContent = i + 1
     })
+    for (const cone of [0, 1, 2]) { // below the numbers of lasers, and over their lines
+        const most = rows.reduce((best, row, at) => (row[cone] > rows[best][cone] ? at : best), 0)
+        const name = shape(svg, "text", {
+            x: x(PAGE.cones.first_nm + most).toFixed(1), y: 27, "font-size": 9, "text-anchor": "middle", fill: "currentColor",
+            stroke: "Canvas", "stroke-width": 3, "paint-order": "stroke",
+        })
+        name.textContent = "LMS"[cone]
+    }
     for (const nm of [400, 500, 600, 700]) {
         const text = shape(svg, "text", { x: nm === 700 ? 318 : nm === 400 ? 2 : x(nm), y: 93, "font-size": 11, "text-anchor": nm === 400 ? "start" : nm === 700 ? "end" : "middle", fill: "currentColor" })
         text.textContent = `${nm} nm`
@@ -769,7 +774,8 @@ function summaryRows(state) {
     const { bench } = PAGE.holograms[0]
     const lasersAt = index => {
         const { lasers, powers, wavelengths_m } = lasersOf(state, index)
-        return wavelengths_m.map((λ, i) => `${i + 1}: ${(λ * 1e9).toFixed(1)} nm ${lasers[i] ? `${Math.round(powers[i] * 100)} %` : "off"}`).join(", ")
+        return wavelengths_m.map((λ, i) => `${i + 1}: ${(λ * 1e9).toFixed(1)} nm ${lasers[i] ? `${Math.round(powers[i] * 100)} %` : "off"}`)
+            .map(text => text.replaceAll(" ", "\u00a0")).join(", ") // a line ends between lasers
     }
     const own = Object.keys(state.others).map(number => [`Lasers of ${viewName(`hologram ${number}`)}`, lasersAt(number - 1)])
     const { eye, region } = state
@@ -783,7 +789,7 @@ function summaryRows(state) {
             `chromatic aberration ${eye.chromatic ? "on" : "off"}`]] : []),
         ["Exposure", `${state.exposure.toFixed(1)} stops`],
         ["Region", region ? `x ${region.x}, y ${region.y}, ${region.width} × ${region.height} samples` : "the whole image"],
-        ["Measured", $("region").classList.contains("old") ? "not yet, for this state" : $("region").textContent],
+        ["Measured", $("region").classList.contains("old") ? "not yet, for this state" : $("region").textContent || "nothing"],
         ["Link", toHash(state, bench)],
     ]
 }
