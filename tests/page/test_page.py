@@ -362,11 +362,12 @@ def test_what_is_measured_prints_and_keys_stay(browser: Browser, written: Writte
     measured = page.inner_text("#region")
     assert not page.is_visible("#summary")
     page.emulate_media(media="print")
-    printed = page.inner_text("body")
+    printed = page.inner_text("body").replace("\u00a0", " ")
     assert page.is_visible("#summary") and not page.is_visible("#controls") and page.is_visible("footer kbd >> nth=0")
     state = "#plane=9.7mm&laser3=off&power1=0.5&region=10,20,40,30"
     for text in ("9.700 mm", "1: 460.0 nm 50 %", "nm off", "x 10, y 20, 40 × 30 samples", measured, state):
         assert text in printed
+    assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) == 1  # sheet
     assert browser.close_pages() == []
 
 

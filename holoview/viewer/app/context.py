@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -475,7 +476,9 @@ class AppContext:
 
     def _recent_files(self) -> list[Command]:
         paths = self.store.preferences.recent_files if self.store is not None else ()
-        names = [printable(f"{path.name}, in {path.parent}") for path in paths]
-        return [
-            Command(name, partial(self.loader.open, path), "Recent") for name, path in zip(names, paths, strict=True)
-        ]
+
+        def open_file(path: Path) -> None:
+            self.loader.open(path)
+
+        names = (printable(f"{path.name}, in {path.parent}") for path in paths)
+        return [Command(name, partial(open_file, path), "Recent") for name, path in zip(names, paths, strict=True)]

@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 
 from holoview.holograms.metrics.retinal import RetinalCurve, default_pupils, pupils_of, retinal_curve
 from holoview.holograms.optimise.checkpoint import IterationState
-from holoview.holograms.optimise.eyes import OptimisedEyes, PupilPlaces, target_at_places
+from holoview.holograms.optimise.eyes import OptimisedEyes, PupilPlaces, StacksAt, target_at_places
 from holoview.holograms.optimise.memory import with_compact_grid
 from holoview.holograms.optimise.settings import FIELD_LOSS, NEXT_ITERATIONS, Settings
 from holoview.holograms.targets.live_pictures import LivePictures, open_live_pictures
-from holoview.holograms.targets.moving_pupil import StacksAt
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.view import random_drive
 from holoview.light.model.drives import drive_fits

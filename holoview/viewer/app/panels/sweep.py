@@ -82,11 +82,11 @@ class SweepPanel(Panel):
         _, self._values = imgui.input_text_with_hint("values", _HINT, self._values)
         tooltip(_VALUES)
         if usual:
-            named = {values.partition("=")[0]: values for values in usual}
-            now = next((name for name, values in named.items() if values == self._values), _OWN)
+            sweeps = {values.partition("=")[0]: values for values in usual}
+            now = next((name for name, values in sweeps.items() if values == self._values), _OWN)
             tip = "Parameters that this bench has, from half to one and a half times their value."
-            chosen = combo("parameter", now, (_OWN, *named), tip)
-            self._values = named.get(chosen, self._values)
+            chosen = combo("parameter", now, (_OWN, *sweeps), tip)
+            self._values = sweeps.get(chosen, self._values)
         named = combo("measure", MEASURES[self._measure], tuple(MEASURES.values()), "As holoview sweep measures it.")
         self._measure = next(name for name, title in MEASURES.items() if title == named)
         self._iterations = min(max(imgui.input_int("iterations", self._iterations, 10, 50)[1], 0), 1000)
