@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import pytest
+from imgui_bundle import imgui
 
 from holoview.evidence.sweep.in_viewer import sweep_document
+from holoview.util.progress import ProgressCallback
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.sweep import SweepPanel
-from holoview.viewer.document.sweeper import SweepRequest
+from holoview.viewer.document.document import Document
+from holoview.viewer.document.sweeper import SweepRequest, SweptCurve, SweptPoint
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
@@ -38,6 +42,28 @@ def test_a_click_on_a_point_shows_it_and_the_arrows_go_on(gui: Gui) -> None:
     assert panel.chosen == 1 and gui.session.system.gap_m == pytest.approx(2e-3)
     gui.session.undo()
     assert gui.session.system.gap_m == before
+
+
+def test_points_that_are_withheld_leave_the_others_and_say_so(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
+    def sweep(document: Document, request: SweepRequest, report: ProgressCallback, show: Callable[..., None]) -> None:
+        found = [(1.0, 0.4), (2.0, math.nan), (3.0, 0.6)]
+        bench = document.system
+        points = [SweptPoint(f"gap = {x:g} mm", x, y, 0.1 * y, bench.with_(gap=f"{x} mm"), None) for x, y in found]
+        show(SweptCurve("gap (mm)", tuple(points)))
+
+    texts: list[str] = []
+    monkeypatch.setattr(imgui, "text_wrapped", texts.append)
+    panel, gui.session.sweeper = gui.app.panel(SweepPanel), sweep
+    panel.start(gui.context, SweepRequest("gap=1mm,2mm,3mm", "contrast"))
+    assert gui.session.wait_until_idle()
+    for across, expected, says in ((0.3, 0, "0.4 ± 0.04"), (0.6, 1, "withheld"), (0.95, 2, "0.6 ± 0.06")):
+        gui.draw_until_idle()
+        gui.click(gui.item_position("curve of the sweep", across, 0.5))
+        texts.clear()
+        gui.draw_until_idle()
+        assert panel.chosen == expected
+        assert f"gap = {expected + 1} mm: {says}" in texts
+    assert any(text.startswith("1 of 3 points: withheld") for text in texts)
 
 
 def test_the_button_sweeps_what_the_bench_offers(gui: Gui) -> None:

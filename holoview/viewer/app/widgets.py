@@ -68,6 +68,14 @@ def share_of_width(count: int) -> float:
     return (imgui.get_content_region_avail().x - (count - 1) * imgui.get_style().item_spacing.x) / count
 
 
+def same_line_for(label: str) -> None:
+    """Has the button of a label stand beside the last item, if the panel has room for it there."""
+    width = imgui.calc_text_size(label).x + 2 * imgui.get_style().frame_padding.x
+    right = imgui.get_item_rect_max().x - imgui.get_cursor_screen_pos().x + imgui.get_style().item_spacing.x
+    if right + width <= imgui.get_content_region_avail().x:
+        imgui.same_line()
+
+
 @contextmanager
 def room_for_labels(*labels: str) -> Iterator[None]:
     """Draws items so wide that each of these labels beside them is seen, if the panel is wide enough for any item."""

@@ -24,6 +24,7 @@ from holoview.viewer.app.widgets import FINE, show_tooltip
 from holoview.viewer.document import chain_edits
 
 _LARGEST_SCALE = 1.5  # over the least, at which its texts are as large as others
+_MOST_SHARE = 0.45  # of the window's height that its dock grows to, whatever the size of text
 _FONT_PT = 14.0  # of a panel's text of usual size
 _PANELS = {"wavelengths": "Lasers", "planes": "Focal plane", "eye": "Eye", "observer": "Lasers"}
 _DECADE_PX = 300.0  # of a drag for a factor of ten
@@ -81,10 +82,10 @@ class DrawingPanel(Panel):
     def _grow_dock(self, missing: float) -> None:
         """Makes its dock higher by what is missing, once after it was opened; a splitter moves it as ever."""
         self._is_new = False
-        node = imgui.internal.get_current_window().dock_node
+        node, most = imgui.internal.get_current_window().dock_node, _MOST_SHARE * imgui.get_main_viewport().size.y
         if node is not None and missing > 0 and not (node.is_floating_node() or node.is_central_node()):
             self._grown = node.id_, node.size.y
-            _set_height(node.id_, node.size.y + missing)
+            _set_height(node.id_, max(min(node.size.y + missing, most), node.size.y))
 
     # --- the strip --------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from holoview.light.model.system import System
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import draw_element
-from holoview.viewer.app.widgets import button, combo, pale, wrapped_text
+from holoview.viewer.app.widgets import button, combo, pale, same_line_for, wrapped_text
 from holoview.viewer.document import chain_edits
 
 _ADD = "Add behind it …"
@@ -62,7 +62,7 @@ class ElementPanel(Panel):
             where = "before" if step < 0 else "behind"
             if button(context, label, f"Exchanges it with the element {where} it; spaces stay.", name=f"move {where}"):
                 edit(chain_edits.move_element, session, name, step)
-        imgui.same_line()
+        same_line_for("Light behind it")
         if button(
             context, "Light behind it", "In the image; Escape goes back to the focal plane.", name="light behind"
         ):

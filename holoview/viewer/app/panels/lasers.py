@@ -78,7 +78,8 @@ class LasersPanel(Panel):
     # --- spectrum ---------------------------------------------------------------------------------------------------
 
     def _draw_plot(self, context: AppContext, system: System) -> None:
-        height = min(max(imgui.get_content_region_avail().y * 0.42, 110), 220)
+        em = imgui.get_font_size()
+        height = min(max(imgui.get_content_region_avail().y * 0.42, 5 * em), 14.7 * em)
         flags = (
             implot.Flags_.no_menus | implot.Flags_.no_mouse_text | implot.Flags_.no_box_select | implot.Flags_.no_legend
         )

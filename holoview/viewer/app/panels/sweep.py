@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import numpy as np
@@ -17,6 +18,7 @@ from holoview.viewer.document.sweeper import MEASURES, SweepRequest, SweptCurve,
 
 _MARGIN = 0.08  # of the range of a curve, beside it
 _OWN = "as written above"
+_WITHHELD = "withheld, as the picture doesn't show the target there."
 _HINT = "gap=1mm:3mm:9"
 _VALUES = (
     "A parameter and its values, as of holoview sweep --set: gap=1mm:3mm:9 are nine values, gap=1mm,2mm these two. "
@@ -110,6 +112,8 @@ class SweepPanel(Panel):
                 if implot.is_plot_hovered() and imgui.is_mouse_clicked(imgui.MouseButton_.left):
                     self.show(context, _nearest(x, y))
         context.record_item_rect("curve of the sweep")
+        if withheld := int(np.isnan(y).sum()):
+            wrapped_text(f"{withheld} of {len(y)} points: {_WITHHELD}", theme.signal_colour("warning"))
         self._draw_point(context, curve)
 
     def _draw_point(self, context: AppContext, curve: SweptCurve) -> None:
@@ -126,18 +130,24 @@ class SweepPanel(Panel):
             return
         point = curve.points[self.chosen]
         error = f" ± {point.error:.2g}" if point.error else ""
-        wrapped_text(f"{point.text}: {point.measured:.4g}{error}", imgui.get_style_color_vec4(imgui.Col_.text))
+        found = "withheld" if math.isnan(point.measured) else f"{point.measured:.4g}{error}"
+        wrapped_text(f"{point.text}: {found}", imgui.get_style_color_vec4(imgui.Col_.text))
 
 
 def _widened(values: NDArray[np.float64]) -> tuple[float, float]:
-    """The range of values with a margin, also where all are equal."""
-    low, high = float(values.min()), float(values.max())
+    """The range of those values that are known with a margin, also where all are equal."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     margin = _MARGIN * (high - low) or 0.1 * abs(high) or 1.0
     return low - margin, high + margin
 
 
 def _nearest(x: NDArray[np.float64], y: NDArray[np.float64]) -> int:
-    """The point nearest to the mouse on the screen."""
+    """The point nearest to the mouse on the screen; one whose measure is withheld is anywhere above its value."""
     mouse = imgui.get_io().mouse_pos
     places = [implot.plot_to_pixels(float(a), float(b)) for a, b in zip(x, y, strict=True)]
-    return int(np.argmin([(place.x - mouse.x) ** 2 + (place.y - mouse.y) ** 2 for place in places]))
+    away = [
+        math.hypot(place.x - mouse.x, 0.0 if math.isnan(b) else place.y - mouse.y)
+        for place, b in zip(places, y, strict=True)
+    ]
+    return int(np.argmin(away))
