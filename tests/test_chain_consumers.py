@@ -11,7 +11,6 @@ import pytest
 
 import holoview as hv
 from holoview.holograms.optimise.problem import Problem
-from holoview.holograms.optimise.solve import follow
 from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.light_budget import light_budget
 from holoview.light.gpu.device import Device
@@ -32,7 +31,6 @@ def _hologram() -> hv.Hologram:
 
 
 REFUSING: dict[str, Callable[[], Any]] = {
-    "a film": lambda: list(follow(_chain(), [_STACK], _SETTINGS)),
     "the optimiser's problem": lambda: Problem(_chain(), _STACK, _SETTINGS),
     "the light budget": lambda: light_budget(hv.make_plan(_chain()), _hologram().drive),
     "the shape of one drive": lambda: _chain().drive_shape,

@@ -118,6 +118,23 @@ def test_an_optimisation_of_a_chain_goes_on_from_its_checkpoint(holoview: Callab
     assert outcome.code == 0 and json.loads(outcome.out)["iterations"] == 4
 
 
+def test_a_film_of_a_chain_begins_each_picture_with_the_last(holoview: Callable[..., Any], chain: Path) -> None:
+    (chain / "film").mkdir()
+    for number in range(2):
+        Image.fromarray(np.full((48, 64, 3), 60 + 90 * number, np.uint8)).save(chain / "film" / f"{number}.png")
+    command = ("optimise", "chain.toml", "film", "--film", "--iterations", 2, "--next-iterations", 1, "-o", "out")
+    outcome = holoview(*command, "--json")
+    assert outcome.code == 0 and json.loads(outcome.out)["holograms"] == 2
+    files = sorted((chain / "out").iterdir())
+    whole = [hv.load_hologram(file) for file in files]
+    files[1].unlink()
+    assert json.loads(holoview(*command, "--json").out)["holograms"] == 1
+    again, drive = hv.load_hologram(files[1]), whole[1].drive
+    assert again.system == whole[1].system and all(np.array_equal(again.drive[key], drive[key]) for key in drive)
+    # one step of Adam: at most 0.5 rad of a phase, and 0.1 of an amplitude
+    assert 0 < np.abs(drive["coarse"] - whole[0].drive["coarse"]).max() < 0.1 + 1e-6
+
+
 REFUSING = {
     "bench": ("bench", "chain.toml", "--rounds", 1),
     "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),

@@ -18,6 +18,8 @@ from holoview.commands import cli
 from holoview.holograms.view import simulate
 from holoview.light.model import preset
 from holoview.viewer.document.measurements import measure_region
+from holoview.viewer.page.page import read_page
+from tests.document.test_chain_optimisation import CHAINS
 
 BENCH = {"shape": [48, 64], "propagation": "periodic"}
 SETS = ("--set", "shape=[48,64]", "--set", "propagation=periodic")
@@ -195,3 +197,22 @@ def test_where_the_light_went_is_told(hologram: hv.Hologram, capsys: pytest.Capt
     assert cli.main(["render", "h.safetensors", "--plane", "all", "--backend", "torch", "-o", "o.png", "--json"]) == 0
     planes = json.loads(capsys.readouterr().out)["planes"]
     assert len(planes) == 5 and all(sum(p["light_budget"].values()) == pytest.approx(1, abs=1e-5) for p in planes)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_page_of_a_chain_claims_the_contrast_that_is_printed(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    system = CHAINS[name]()
+    hologram = hv.Hologram(hv.random_drive(system, seed=4), system)
+    hologram.save("chain.safetensors")
+    found = _json(capsys, "chain.safetensors", "--region", "3,2,18,20", "--live", "chain.html")
+    text = Path("chain.html").read_text(encoding="utf-8")
+    page = json.loads(text.split('id="holoview-page">')[1].split("</script>")[0])
+    (claim,) = page["claims"]
+    assert claim["value"] == f"{found['contrast']:.3f} ± {found['standard_error']:.3f}"
+    assert claim["region"] == {"x": 3, "y": 2, "width": 18, "height": 20}
+    (stored,) = read_page("chain.html").values()
+    assert stored.system == system
+    assert all(np.array_equal(stored.drive[key], drive) for key, drive in hologram.drive.items())

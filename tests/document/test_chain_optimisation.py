@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from holoview.light.model.drives import drive_fits
 from holoview.light.model.system import System
 from holoview.viewer.document.document import drive_arrays
 from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.file_loader import read_content
 from holoview.viewer.document.optimisation_job import (
     OptimisationRequest,
     running_optimisation,
@@ -20,6 +22,8 @@ from holoview.viewer.document.optimisation_job import (
     start_quick_optimisation,
 )
 from holoview.viewer.document.target_builder import TargetSpec
+from holoview.viewer.render.scene import image_shape
+from holoview.viewer.render.view_settings import ComparisonSide
 from tests.document.test_chain_edits import chain
 from tests.patience import PATIENCE_S
 
@@ -83,3 +87,19 @@ def test_a_quick_one_goes_on_from_its_patterns_and_may_be_cancelled(opened: Edit
     job.cancel()
     assert opened.wait_until_idle(PATIENCE_S)
     assert job.status == "cancelled" and opened.drive is kept
+
+
+def test_a_checkpoint_opens_as_its_best_hologram(
+    opened: EditingSession, target_spec: TargetSpec, tmp_path: Path
+) -> None:
+    *_, last = iterate(opened.system, target_spec.stack_for(opened.system), REQUEST.settings)
+    last.checkpoint().save(tmp_path / "checkpoint.safetensors")
+    content = read_content(tmp_path / "checkpoint.safetensors", opened.system)
+    assert content.kind == "hologram" and content.system == last.best.system
+    assert drive_fits(content.system, content.drive) and _are_equal(content.drive, last.best.drive)
+
+
+def test_a_preset_beside_a_chain_has_its_size(opened: EditingSession) -> None:
+    scene = opened.scene_for(ComparisonSide("preset", "simultaneous"))
+    assert scene is not None and scene.system.name == "simultaneous"
+    assert image_shape(scene.system) == image_shape(opened.system)

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
+import holoview as hv
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.targets.target import Placement
 from holoview.holograms.view import simulate
 from holoview.light.model.focus import PupilPath
+from holoview.light.model.system import System
 from holoview.viewer.app.panels import ALL
 from holoview.viewer.app.panels.eye import EyePanel
 from holoview.viewer.app.panels.files import FilesPanel
@@ -114,6 +116,48 @@ def test_the_eyebox_by_place_holds_as_much_light_and_is_smaller_at_short_wavelen
     lit = np.flatnonzero(xyz[..., 1].sum(axis=0) > 1e-3 * xyz[..., 1].sum(axis=0).max())
     assert len(lit) == pytest.approx(48 * 460 / 620, abs=2)
     assert xyz[..., 1].mean() == pytest.approx(0.25, rel=1e-5)
+
+
+def _of_shared_phases(is_shared: bool) -> System:
+    """Two phase modulators with stops; of one frame, a pattern that all frames share is the same bench as a chain."""
+    phase = {"kind": "phase", "pitch": 8e-6, "shape": (24, 32), "stroke": 7e-7, "shared": is_shared}
+    spaces = {"kind": "space", "distance": 2e-3}, {"kind": "space", "iris_na": 0.02}
+    elements = ({**phase, "name": "phase1"}, spaces[0], {**phase, "name": "phase2"}, spaces[1])
+    return System([460e-9, 620e-9], [[1.0, 0.7]], elements=elements, planes_m=[5e-3])
+
+
+@pytest.mark.parametrize("by_place", [False, True])
+def test_the_eyebox_of_a_chain_is_that_of_the_same_short_form(by_place: bool) -> None:
+    chain, short = _of_shared_phases(True), _of_shared_phases(False)
+    assert chain.is_chain and not short.is_chain
+    drives = hv.random_drive(chain, seed=2)
+    together = np.stack([drives["phase1"], drives["phase2"]], axis=1)
+    found, expected = eyebox_xyz(chain, drives, by_place), eyebox_xyz(short, together, by_place)
+    np.testing.assert_allclose(found, expected, atol=1e-5 * expected.max())  # complex64: 6e-8 of each of 1e4 samples
+
+
+def test_the_eyebox_shows_the_orders_of_a_grating_in_the_chain() -> None:
+    """Lines of half a period of four pixels make the orders 0 and ±1, in the middle and at half the way to the edge."""
+    phase = {"kind": "phase", "pitch": 8e-6, "shape": (32, 32), "stroke": 7e-7}
+    lines = {"kind": "mask", "pitch": 8e-6, "shape": (32, 32), "pattern": "grating", "period": 32e-6}
+    system = System([532e-9], [[1.0]], elements=[phase, lines], planes_m=[5e-3])
+    xyz = eyebox_xyz(system, {"phase": np.zeros((1, 32, 32), np.float32)})
+    bright = np.argwhere(xyz[..., 1] > 0.05 * xyz[..., 1].max()).tolist()
+    assert bright == [[16, 8], [16, 16], [16, 24]]
+
+
+def test_behind_a_fourier_plane_the_eyebox_is_the_image_of_what_stands_before_it() -> None:
+    """A point x in the front focal plane sends light in the direction −x/f."""
+    n, pitch_m, λ = 24, 8e-6, 532e-9
+    amplitude = {"kind": "amplitude", "pitch": pitch_m, "shape": (n, n)}
+    fourier = {"kind": "fourier", "focal_length": 0.95 * n * pitch_m**2 / λ}  # the image fills 1/0.95 of the eyebox
+    elements = [{**amplitude, "name": "front"}, fourier, {**amplitude, "name": "back"}]
+    system = System([λ], [[1.0]], elements=elements, planes_m=[5e-3])
+    lit = np.zeros((1, n, n), np.float32)
+    lit[:, :, n // 2 + 2 :] = 1.0  # two pixels off the axis: what stops cut makes edges a pixel wide
+    xyz = eyebox_xyz(system, {"front": lit, "back": np.ones((1, n, n), np.float32)})
+    columns = xyz[..., 1].sum(axis=0)
+    assert columns[: len(columns) // 2].sum() > 0.97 * columns.sum()
 
 
 def test_alt_and_a_click_focus_on_what_the_picture_shows_there(make_gui: Callable[..., Gui], tmp_path: Path) -> None:

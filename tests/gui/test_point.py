@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.light.engine.point_light import point_steps, section_steps
+from holoview.light.model.system import System
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.point import PointPanel, SectionsPanel
 from holoview.viewer.document.focus_edits import focus_range_m
@@ -76,6 +77,25 @@ def test_sections_and_point_follow_edits(gui: Gui) -> None:
     *_, light = point_steps(session.system, session.drive, session.view_settings.plane_m, (10, 20), range(3))
     assert probe.point is not None and probe.point.light.share == 1.0
     np.testing.assert_array_equal(probe.point.light.xyz, light.xyz)
+
+
+def test_the_origin_of_the_light_of_a_chain_is_shown_by_its_modulators(make_gui: Callable[..., Gui]) -> None:
+    pixels = {"pitch": 8e-6, "shape": (24, 32)}
+    elements = (
+        {"kind": "phase", "stroke": 7e-7, **pixels},
+        {"kind": "space", "distance": 1e-3},
+        {"kind": "mask", "pattern": "random", "stroke": 5e-7, **pixels},
+        {"kind": "amplitude", **pixels},
+        {"kind": "complex", **pixels},
+    )
+    system = System([532e-9], [[1.0]], elements=elements, planes_m=[5e-3])
+    gui = make_gui(system, (700, 900), panels=(PointPanel, ImagePanel))
+    gui.context.show_panel("Point")
+    gui.draw_until_idle()
+    point = gui.context.point_probe.point
+    assert point is not None and point.light.share == 1.0
+    drawn = [name for name in gui.context.item_rects if name.startswith("point areas")]
+    assert drawn == ["point areas 1", "point areas 2", "point areas 3"]  # the mask shows no pattern
 
 
 def test_the_window_of_the_local_spectrum_can_be_chosen(make_gui: Callable[..., Gui]) -> None:

@@ -163,7 +163,7 @@ def test_keys_choose_the_next_element(gui: Gui) -> None:
     assert gui.context.chosen_element == names(gui)[0]
 
 
-def test_panels_that_know_the_short_form_only_say_so_of_a_chain(gui: Gui) -> None:
+def test_no_panel_fails_on_a_chain(gui: Gui) -> None:
     """`make_gui` fails if a panel did."""
     for panel in _PANELS:
         gui.context.show_panel(panel.title)

@@ -12,9 +12,11 @@ import torch
 import holoview as hv
 from holoview.holograms.optimise.chain_loop import ChainProblem
 from holoview.holograms.optimise.checkpoint import load_checkpoint
+from holoview.holograms.optimise.lasers import next_amplitudes
 from holoview.holograms.optimise.objective import make_objective
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
-from holoview.holograms.optimise.settings import LOSS_SPACES
+from holoview.holograms.optimise.settings import LOSS_SPACES, next_settings
+from holoview.holograms.optimise.solve import follow
 from holoview.holograms.view import random_drive
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -227,6 +229,21 @@ def test_amplitudes_stay_in_their_range_and_levels_are_shown() -> None:
     drive = last.best.drive
     assert drive["binary"].min() >= 0 and drive["binary"].max() <= 1
     assert np.abs(drive["complex"]).max() <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("name", _CHAINS)
+def test_a_stack_that_follows_is_a_run_from_the_hologram_before(name: str) -> None:
+    """To the bit; a laser that the picture before didn't need stays on."""
+    system, settings = _chain(*_CHAINS[name], frames=2), hv.Settings(iterations=3, amplitudes_every=2)
+    red = _STACK * np.float32([1.0, 0.0, 0.0])
+    states = list(follow(system, [red, _STACK], settings, next_iterations=2))
+    assert [state.iteration for state in states] == [0, 1, 2, 3, 0, 1, 2]
+    *_, first = hv.iterate(system, red, settings)
+    best = first.best
+    begun = system.edit({"amplitudes": next_amplitudes(best.system.amplitudes, system.amplitudes > 0)})
+    expected = list(hv.iterate(begun, _STACK, next_settings(settings, 2), start=best.drive))
+    assert [state.loss for state in states[4:]] == [state.loss for state in expected]
+    assert all(np.array_equal(states[-1].best.drive[key], drive) for key, drive in expected[-1].best.drive.items())
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from holoview.holograms.optimise.checkpoint import (
     IterationState,
     target_digest,
 )
-from holoview.holograms.optimise.lasers import check_effects
+from holoview.holograms.optimise.lasers import check_effects, next_amplitudes
 from holoview.holograms.optimise.objective import (
     AmplitudeLeastSquares,
     Objective,
@@ -47,7 +47,7 @@ from holoview.holograms.optimise.wavelengths import (
 )
 from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.engine.torch_executor import TorchExecutor
-from holoview.light.model.drives import chain_drives, complex_names
+from holoview.light.model.drives import chain_drives
 from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Element, PhaseModulator
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
@@ -131,6 +131,36 @@ def iterate_chain(
         )
 
 
+class ChainOptimiser:
+    """Runs the optimisation of a chain, and then those for other stacks, as `solve.Optimiser` does.
+
+    Arguments of `iterate_chain`, whose errors are raised by `states`.
+    """
+
+    def __init__(
+        self, system: System, stack: Any, settings: Settings, start: Any = None, *, device: str = "cpu"
+    ) -> None:
+        self._system, self._device = system, device
+        self._next = (system, stack, settings, start)
+        self._make_best: Callable[[], Hologram] | None = None
+
+    def best(self) -> Hologram:
+        """The hologram of the smallest loss of the latest stack."""
+        assert self._make_best is not None
+        return self._make_best()
+
+    def go_on(self, stack: NDArray[np.floating], settings: Settings, start: Hologram) -> None:
+        """Begins again for another focal stack from a hologram of the same bench; only its amplitudes may differ."""
+        amplitudes = next_amplitudes(start.system.amplitudes, self._system.amplitudes > 0)
+        self._next = (self._system.edit({"amplitudes": amplitudes}), stack, settings, start.drive)
+
+    def states(self) -> Iterator[IterationState]:
+        """The states for the present stack."""
+        for state in iterate_chain(*self._next, device=self._device):
+            self._make_best = state.make_best
+            yield state
+
+
 def _take_steps(
     problem: ChainProblem,
     patterns: ChainPatterns,
@@ -156,7 +186,7 @@ def _load(resume: Checkpoint, patterns: ChainPatterns, lasers: FreeWavelengths) 
     patterns.load(resume.tensors)
     if "wavelengths" in resume.settings.free:
         lasers.load(resume.tensors, "wavelength_steps", 0)
-    return partial(_best_of, resume.system, resume.tensors)
+    return resume.best
 
 
 def _checkpoint(
@@ -193,17 +223,6 @@ def _maker(system: System, drives: dict[str, Tensor], amplitudes: Floats) -> Any
     """Makes the hologram of some patterns when it is asked for."""
     arrays = {name: drive.cpu().numpy() for name, drive in drives.items()}
     return cache(lambda: Hologram(arrays, system.edit({"amplitudes": amplitudes})))
-
-
-def _best_of(system: System, tensors: Mapping[str, NDArray[np.floating]]) -> Hologram:
-    """The best hologram of a checkpoint."""
-    complexes = complex_names(system)
-    stored = {name: tensors[f"best_drive/{name}"] for name in system.drive_shapes}
-    drives = {name: a[..., 0] + 1j * a[..., 1] if name in complexes else a for name, a in stored.items()}
-    lasers = {"amplitudes": tensors["best_amplitudes"]}
-    if "best_wavelengths" in tensors:
-        lasers["wavelengths"] = tensors["best_wavelengths"]
-    return Hologram(drives, system.edit(lasers))
 
 
 def check_known(settings: Settings, stack: Any) -> None:

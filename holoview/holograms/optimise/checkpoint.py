@@ -41,6 +41,7 @@ from holoview.holograms.hologram import (
 )
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model import preset
+from holoview.light.model.drives import complex_names
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
@@ -173,6 +174,18 @@ class Checkpoint:
             "target": self.target,
         }
         _format_for(self.system, self.settings.free).write(path, self.tensors, texts)
+
+    def best(self) -> Hologram:
+        """The best hologram so far."""
+        lasers = {
+            key: self.tensors[f"best_{key}"] for key in ("wavelengths", "amplitudes") if f"best_{key}" in self.tensors
+        }
+        system = self.system.edit(lasers)
+        if not system.is_chain:
+            return Hologram(self.tensors["best_drive"].astype(np.float32), system)
+        complexes = complex_names(system)
+        stored = {name: self.tensors[f"best_drive/{name}"] for name in system.drive_shapes}
+        return Hologram({n: a[..., 0] + 1j * a[..., 1] if n in complexes else a for n, a in stored.items()}, system)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """Raises UserError that names the difference, unless the checkpoint is of this system, settings and target.

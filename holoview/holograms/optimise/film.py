@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.holograms.hologram import Hologram, load_hologram
+from holoview.holograms.optimise.chain_loop import ChainOptimiser
 from holoview.holograms.optimise.hologram_job import RunOptions, tell_of_compiling, watch
 from holoview.holograms.optimise.lasers import next_amplitudes
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS
 from holoview.holograms.optimise.settings import Settings, next_settings
-from holoview.holograms.optimise.solve import Optimiser, check_changing_target
+from holoview.holograms.optimise.solve import Optimiser, check_changing_target, optimiser_of
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
@@ -71,8 +72,9 @@ def optimise_film(
     """
     found_db: list[float] = []
     last: Hologram | None = None
-    optimiser: Optimiser | None = None
-    tell_of_compiling(job.options.device, tell)
+    optimiser: Optimiser | ChainOptimiser | None = None
+    if not job.system.is_chain:
+        tell_of_compiling(job.options.device, tell)
     for number, stack in enumerate(stacks):
         path = job.file(number)
         if path.exists():
@@ -92,16 +94,19 @@ def optimise_film(
     return found_db
 
 
-def _begin(job: FilmJob, stack: NDArray[np.float32], last: Hologram | None, optimiser: Optimiser | None) -> Optimiser:
+def _begin(
+    job: FilmJob, stack: NDArray[np.float32], last: Hologram | None, optimiser: Optimiser | ChainOptimiser | None
+) -> Optimiser | ChainOptimiser:
     """The optimisation of a picture. last: the hologram before. optimiser: of the picture before, which goes on."""
+    device = job.options.device
     if last is None:
-        return Optimiser(job.options.simulated(job.system), stack, job.settings, device=job.options.device)
+        return optimiser_of(job.options.simulated(job.system), stack, job.settings, device=device)
     if optimiser is not None:
         optimiser.go_on(stack, job.next_settings, last)
         return optimiser
     amplitudes = next_amplitudes(last.system.amplitudes, job.system.amplitudes > 0)  # lasers that are on stay on
     system = job.options.simulated(job.system.edit({"amplitudes": amplitudes}))
-    return Optimiser(system, stack, job.next_settings, last.drive, device=job.options.device)
+    return optimiser_of(system, stack, job.next_settings, last.drive, device)
 
 
 def _of_same_bench(path: Path, system: System) -> Hologram:

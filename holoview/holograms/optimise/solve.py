@@ -16,13 +16,14 @@ from dataclasses import replace
 from functools import cache, lru_cache
 from importlib import import_module
 from threading import Thread
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.optimise.chain_loop import iterate_chain
+from holoview.holograms.optimise.chain_loop import ChainOptimiser, iterate_chain
 from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
 from holoview.holograms.optimise.eyes import DrawnPupils, StacksAt
 from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
@@ -126,10 +127,18 @@ def follow(
     optimiser = None
     for stack in stacks:
         if optimiser is None:
-            optimiser = Optimiser(system, stack, settings, start, device=device)
+            optimiser = optimiser_of(system, stack, settings, start, device)
         else:
             optimiser.go_on(stack, next_settings(settings, next_iterations), optimiser.best())
         yield from optimiser.states()
+
+
+def optimiser_of(
+    system: System, stack: NDArray[np.floating], settings: Settings, start: Any = None, device: str = "cpu"
+) -> Optimiser | ChainOptimiser:
+    """What optimises for a stack and can go on for others. Arguments as of `iterate`."""
+    kind = ChainOptimiser if system.is_chain else Optimiser
+    return kind(system, stack, settings, start, device=device)
 
 
 def check_changing_target(settings: Settings) -> None:
@@ -329,9 +338,7 @@ class Optimiser:
     def _resume(self, resume: Checkpoint) -> None:
         tensors = resume.tensors
         self.variables.load_state_dict(tensors)
-        changes = {"wavelengths": tensors["best_wavelengths"], "amplitudes": tensors["best_amplitudes"]}
-        hologram = Hologram(tensors["best_drive"].astype(np.float32), self.system.edit(changes))
-        self._make_best = lambda: hologram
+        self._make_best = cache(resume.best)
         self.progress = resume.progress
         self.problem.set_wavelengths(self.variables.wavelengths.values_m)
 

@@ -9,7 +9,6 @@ from typing import ClassVar
 
 from imgui_bundle import imgui
 
-from holoview.light.model.chain import needs_short_form
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.document.editing_session import MessageLog
 
@@ -30,7 +29,6 @@ class Panel(ABC):
     dock: ClassVar[str] = "Left"
     starts_open: ClassVar[bool] = True
     flags: ClassVar[int] = 0
-    needs_short_form: ClassVar[str] = ""
 
     def set_up(self, context: AppContext) -> None:  # noqa: B027 (most panels have nothing to set up)
         """Called once, before the first frame: adds commands and overlays."""
@@ -112,7 +110,4 @@ class GuardedPanel(DrawGuard):
         super().draw()
 
     def _draw_panel(self) -> None:
-        if self.panel.needs_short_form and self._context.session.system.is_chain:
-            imgui.text_wrapped(str(needs_short_form(self.panel.needs_short_form)))
-            return
         self.panel.draw(self._context)

@@ -407,8 +407,9 @@ class EditingSession:
 
     def _preset_scene(self, name: str, displayed: System) -> Scene:
         """A preset's scene in the displayed sampling; cached, as other random patterns would restart rendering."""
-        displayed.require_short_form("a comparison with a preset")
-        sampling = {"shape": displayed.modulators[0].shape, "upsample": displayed.sampling.upsample}
+        way = displayed.way
+        upsample = 1 if any(n % way.upsample for n in way.shape) else way.upsample
+        sampling = {"shape": tuple(n // upsample for n in way.shape), "upsample": upsample}
         key = (name, *sampling.values())
         if key not in self._presets:
             system = preset.load(name).edit(sampling)

@@ -490,14 +490,8 @@ def _file(path: Path, system: System, open_field: Callable[[list[Path], ReadRequ
         hologram = load_hologram(path)
         return FileContent("hologram", path.name, hologram.system, hologram.drive, path=path)
     if file_type == "holoview-checkpoint":
-        checkpoint = load_checkpoint(path)
-        checkpoint.system.require_short_form("a checkpoint in the viewer")
-        lasers = {
-            "wavelengths": checkpoint.tensors["best_wavelengths"],
-            "amplitudes": checkpoint.tensors["best_amplitudes"],
-        }
-        drive = checkpoint.tensors["best_drive"].astype(np.float32)
-        return FileContent("hologram", path.name, checkpoint.system.edit(lasers), drive, path=path)
+        best = load_checkpoint(path).best()
+        return FileContent("hologram", path.name, best.system, best.drive, path=path)
     if _is_toml(path):
         return _preset(preset.load(path if path.suffix == ".toml" else _refuse_toml_suffix(path)), path.stem, path)
     if is_readable(path):

@@ -168,32 +168,34 @@ def _turns_of_element(system: System, drive: Drive, frame: int, number: int) -> 
 
 
 def eyebox_xyz(system: System, drive: Drive, by_place: bool = False) -> NDArray[np.float32]:
-    """XYZ (y, x, 3) of the light in the first diffraction order of the last modulator: the eyebox.
+    """XYZ (y, x, 3) of the light in the first diffraction order of the finest pixels: the eyebox.
 
     By spatial frequency, 0 is in the middle and the edges are at ±1/(2·pitch), where the angle of a laser is
     ±λ/(2·pitch). By place behind an eyepiece, it is a square up to the edge of the longest wavelength; the others fill
     less of it.
-    The light is taken behind the stops of relay 2 and includes the envelope of a pixel's aperture; it is scaled to a
-    mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. The eye of the system
-    doesn't count.
+    The light is taken behind the last stops and includes the envelope of a pixel's aperture; it is scaled to a
+    mean luminance of 1/4. Without Fourier planes the grid isn't padded, so the resolution is one period of the
+    grid. The eye of the system doesn't count.
     """
     from holoview.light.engine.torch_executor import TorchExecutor
     from holoview.light.optics.frame_inputs import FrameInputs
-    from holoview.light.optics.slm import first_order
+    from holoview.light.optics.slm import eyebox_order
 
-    system.require_short_form("the page of the eyebox")
-    plan = make_plan(system.edit({"propagation": "periodic", "eye": None}))
-    executor, order = TorchExecutor(plan, FrameInputs(plan, drive)), first_order(plan.grid)
+    unpadded = {} if system.way.kernels else {"propagation": "periodic"}
+    plan = make_plan(system.edit({**unpadded, "eye": None}))
+    executor, order = TorchExecutor(plan, FrameInputs(plan, drive)), eyebox_order(plan)
     rows, columns = order.bins
     shape = (max(len(rows), len(columns)),) * 2 if by_place else (len(rows), len(columns))
     xyz = np.zeros((*shape, 3))
-    band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
+    band = np.ix_(
+        *(k % padded for k, padded in zip(executor.frequencies(plan.way.last), plan.grid.padded, strict=True))
+    )
     power = np.zeros(plan.grid.padded)
     for wavelength, λ in enumerate(plan.system.wavelengths_m):
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-                passed = executor.transmit(spectrum, 1, wavelength)
+                passed = executor.transmit(spectrum, plan.way.last, wavelength)
                 power[band] = passed.values.abs().square().numpy()
                 seen = power[np.ix_(rows, columns)]
                 if by_place:

@@ -82,7 +82,6 @@ class PointPanel(Panel):
 
     title = "Point"
     dock = "Low right"
-    needs_short_form = "the origin of the light"
     starts_open = False
 
     def __init__(self) -> None:
@@ -92,8 +91,7 @@ class PointPanel(Panel):
         """Adds the command that opens the panel."""
         show = partial(context.show_panel, self.title)
         context.commands.add("Image", "Light of a point", show, "I", "Where the light at the cursor comes from.")
-        names = ("directions", "areas 1", "areas 2")
-        self._pictures = {name: Viewport(context, f"point {name}") for name in names}
+        self._pictures = dict[str, Viewport]()
 
     def draw(self, context: AppContext) -> None:
         """Draws numbers, the local spectrum and the areas."""
@@ -131,6 +129,8 @@ class PointPanel(Panel):
 
     def _draw_own(self, context: AppContext, name: str, picture: DeviceImage, width: float) -> None:
         """Draws a picture in units of its own."""
+        if name not in self._pictures:
+            self._pictures[name] = Viewport(context, f"point {name}")
         size = (max(int(width), 16), max(int(width * picture.shape[0] / picture.shape[1]), 16))
         _draw_picture(context, self._pictures[name], f"point {name}", picture, _OWN_COLOURS, size)
 
