@@ -14,6 +14,7 @@ from holoview.holograms.optimise.memory import with_compact_grid
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.solve import follow
 from holoview.holograms.targets.picture import read_picture
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.optimisation_job import (
@@ -24,13 +25,18 @@ from holoview.viewer.document.optimisation_job import (
     unfinished_optimisation,
 )
 from holoview.viewer.document.target_builder import TargetSpec
+from tests.document.test_chain_edits import chain
 from tests.patience import wait_until
 
 
+def _two() -> System:
+    return hv.load("holochrome-8").edit({"shape": [12, 16], "planes": ["10 mm"]})
+
+
 @pytest.fixture
-def session() -> EditingSession:
-    system = hv.load("holochrome-8").edit({"shape": [12, 16], "planes": ["10 mm"]})
-    return EditingSession(system)
+def session(request: pytest.FixtureRequest) -> EditingSession:
+    """A session of the system that a test names, else of two modulators."""
+    return EditingSession(getattr(request, "param", _two)())
 
 
 def _write(folder: Path, name: str, left: int) -> None:
@@ -48,6 +54,7 @@ def _until(session: EditingSession, condition: object) -> None:
     wait_until(condition, meanwhile=session.poll)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("session", [_two, chain], indirect=True)
 def test_the_target_and_the_hologram_follow_a_folder(session: EditingSession, tmp_path: Path) -> None:
     old = session.drive
     _write(tmp_path, "a.png", 0)
