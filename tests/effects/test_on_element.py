@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -48,21 +49,21 @@ def _shown(system: System, drive: Any) -> np.ndarray[Any, Any]:
     return hv.simulate(system, drive, backend="torch64").intensity.sum(axis=1)
 
 
-def _cases() -> list[tuple[str, str]]:
+def effect_cases(elements: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
     """Each effect on each element that it may act on; "" for the whole chain."""
-    kinds = {e["name"]: e["kind"] for e in ELEMENTS}
+    kinds = {e["name"]: e["kind"] for e in elements}
     cases = []
     for name, effect in element_effects().items():
         cases += [(name, element) for element, kind in kinds.items() if kind in effect.element_kinds]
     return sorted([*cases, *((name, "") for name, effect in listed_effects().items() if not effect.element_kinds)])
 
 
-CASES = _cases()
+CASES = effect_cases(ELEMENTS)
 UNKNOWN = {"polarisation", "slm_alignment"}
 NO_DISTANCE = ("gap", "last")  # the way to the planes
 
 
-def _with(system: System, name: str, element: str, priors: float = 0.7) -> System:
+def with_effect(system: System, name: str, element: str, priors: float = 0.7) -> System:
     effect = get_effect(f"{name}@{element}" if element else name)
     values = {p.name: p.nudged(priors) for p in effect.parameters}
     return system.edit({"effects": {name: values | ({"element": element} if element else {})}})
@@ -74,10 +75,10 @@ def test_each_effect_changes_a_chain_or_says_why_it_cannot(name: str, element: s
     drive = hv.random_drive(system, seed=1)
     if name in UNKNOWN or (name, element) == NO_DISTANCE:
         with pytest.raises(hv.UserError, match=f"effects.{name}") as caught:
-            hv.make_plan(_with(system, name, element))
+            hv.make_plan(with_effect(system, name, element))
         assert "\n" not in str(caught.value)
         return
-    changed = _with(system, name, element)
+    changed = with_effect(system, name, element)
     assert loads(dumps(changed)).effect_values == changed.effect_values
     difference = np.linalg.norm(_shown(changed, drive) - _shown(system, drive))
     is_of_camera = listed_effects().get(name) is not None and set(listed_effects()[name].acts_on) == {"camera"}
@@ -104,6 +105,16 @@ def test_an_effect_that_acts_on_an_element_asks_for_it(name: str) -> None:
         _chain().edit({f"effects.{effect.id}": {p.name: p.nudged(1.0) for p in effect.parameters[:1]}})
 
 
+@pytest.mark.parametrize(("name", "other"), [("one", "two"), ("two", "one")])
+def test_an_arm_is_moved_across_the_light_only(name: str, other: str) -> None:
+    """Moved along it, the ways of the arms would differ."""
+    arms = [_pixels("one", "phase", stroke=800 * NM), _pixels("two", "phase", stroke=700 * NM, beside="one")]
+    system = _chain([*arms, _space("way"), _pixels("coarse", "amplitude")])
+    system.edit({"effects": {"misplaced": {"element": name, "shift_y": 3 * UM, "rotation": 0.01}}})
+    with pytest.raises(hv.UserError, match=f"shift_z: moves {name}, which stands beside {other}, along the light"):
+        hv.make_plan(system.edit({"effects": {"misplaced": {"element": name, "shift_z": 0.1 * MM}}}))
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize(
     ("name", "element"),
@@ -114,7 +125,7 @@ def test_an_effect_that_acts_on_an_element_asks_for_it(name: str) -> None:
     ],
 )
 def test_shaders_show_each_effect_as_torch_does_stage_by_stage(device: Device, name: str, element: str) -> None:
-    changed = _with(_chain(planes_m=[3 * MM]), name, element)
+    changed = with_effect(_chain(planes_m=[3 * MM]), name, element)
     errors = stage_errors(ExecutorPair.open(changed, device))
     # single precision is 6e-8, a transform of 72 samples adds 2e-7 (tests/parity/test_chain)
     assert not {step: error for step, error in errors.items() if error > 1e-6}

@@ -64,7 +64,11 @@ class Misplaced(Effect):
 def moved_along(system: System, name: str, shift_m: float) -> System:
     """The system with an element moved along the light. Raises UserError where others or the planes are in the way."""
     index = system.part(name)
-    named = [dataclasses.replace(e, name=n) for e, n in zip(system.elements, system.element_names, strict=True)]
+    names, arm_of = system.element_names, [getattr(e, "beside", "") for e in system.elements]
+    if arms := {arm_of[index]} - {""} or {n for n, of in zip(names, arm_of, strict=True) if of == name}:
+        found = f"moves {name}, which stands beside {' and '.join(sorted(arms))}, along the light"
+        raise UserError("shift_z", found, expected="0: the ways of both arms are equally long")
+    named = [dataclasses.replace(e, name=n) for e, n in zip(system.elements, names, strict=True)]
     before, behind = named[:index], named[index + 1 :]
     planes_m, is_last = system.planes_m, all(isinstance(e, Space) for e in behind)
     if before:
