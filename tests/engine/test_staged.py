@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
 import holoview as hv
 from holoview.light.engine.staged import StagedRenderer
+from holoview.light.engine.wgpu_executor import GpuField, WgpuExecutor
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 
@@ -52,6 +56,7 @@ def test_an_equal_scene_needs_no_step_and_an_edit_ends_the_steps_before(device: 
     assert [step.done for step in steps] == [1, 2, 3]  # pairs of a frame and a laser that is on
     renderer.edit(system=chain(), drive=drive, plane_m=6e-3)
     assert renderer.pending_count() == 0
+    assert_is_reference(renderer, system, drive, 6e-3)
     renderer.edit(plane_m=5e-3)
     half = renderer.steps()
     next(half)
@@ -67,3 +72,96 @@ def test_a_refused_edit_changes_nothing(device: Device) -> None:
         renderer.edit(drive={})
     assert renderer.drive is drive
     assert_is_reference(renderer, system, drive, 6e-3)
+
+
+_SLM = {"kind": "phase", "pitch": "8 um", "shape": [12, 16], "stroke": "700 nm"}
+ELEMENTS = (
+    {**_SLM, "name": "slm"},
+    {"kind": "space", "name": "one", "distance": "1 mm", "iris_na": 0.03},
+    {"kind": "lens", "name": "lens", "focal_length": "20 mm"},
+    {**_SLM, "kind": "mask", "name": "mask", "pattern": "random"},
+    {**_SLM, "name": "arm", "beside": "mask"},
+    {"kind": "space", "name": "two", "distance": "1 mm"},
+    {"kind": "complex", "name": "cells", "pitch": "8 um", "shape": [12, 16]},
+)
+
+
+def long_chain(**changes: object) -> System:
+    """Four places of elements, two of them beside each other, and two spaces between; two frames of two lasers."""
+    lasers = {"wavelengths_m": ["460 nm", "633 nm"], "amplitudes": [[1.0, 0.2], [0.3, 0.7]]}
+    return System(**lasers, elements=ELEMENTS, planes_m=[4e-3, 6e-3]).edit(changes)
+
+
+def computed(renderer: StagedRenderer, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The elements, by their numbers on the way, that an update multiplies light by."""
+    numbers, modulate = [], WgpuExecutor.modulate
+
+    def counted(self: WgpuExecutor, field: GpuField, frame: int, modulator: int, wavelength: int) -> GpuField:
+        numbers.append(modulator)
+        return modulate(self, field, frame, modulator, wavelength)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(WgpuExecutor, "modulate", counted)
+        for _ in renderer.steps():
+            pass
+    return sorted(set(numbers))
+
+
+def assert_is_new(renderer: StagedRenderer, device: Device) -> None:
+    """The picture has the bits of a renderer that has kept nothing."""
+    new = StagedRenderer(renderer.system, renderer.drive, device, plane_m=renderer.plane_m)
+    for _ in new.steps():
+        pass
+    np.testing.assert_array_equal(renderer.xyz(), new.xyz())
+
+
+def test_what_goes_on_being_edited_computes_what_lies_behind_it(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system, drive = long_chain(), dict(hv.random_drive(long_chain()))
+    renderer = StagedRenderer(system, drive, device, plane_m=6e-3)
+    assert computed(renderer, monkeypatch) == [0, 1, 2, 3]
+    edits = (
+        (lambda step: {"plane_m": 5e-3 + step * 1e-4}, []),
+        (lambda step: {"system": long_chain(**{"elements.two.distance": 1e-3 + step * 1e-4})}, [3]),
+        (lambda step: {"drive": drive | {"arm": drive["arm"] * np.float32(0.8 - step / 10)}}, [2, 3]),
+        (lambda step: {"drive": drive | {"slm": drive["slm"] * np.float32(0.8 - step / 10)}}, [0, 1, 2, 3]),
+        (lambda step: {"system": long_chain(**{"elements.lens.focal_length": 2e-2 + step * 1e-3})}, [1, 2, 3]),
+        (lambda step: {"system": long_chain(wavelengths=[470e-9 + step * 1e-9, 633e-9])}, [0, 1, 2, 3]),
+        (lambda step: {"system": long_chain(amplitudes=[[1.0, 0.2 + step / 10], [0.3, 0.7]])}, []),
+    )
+    for change, expected in edits:
+        for step in range(3):
+            renderer.edit(**change(step))
+            numbers = computed(renderer, monkeypatch)
+        assert numbers == expected
+        assert_is_new(renderer, device)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_edits_give_the_bits_of_a_new_renderer(device: Device, seed: int) -> None:
+    """Some updates are left half done."""
+    rng, system = np.random.default_rng(seed), long_chain(**{"effects.misplaced@cells.shift_y": 3e-6} if seed else {})
+    renderer = StagedRenderer(system, dict(hv.random_drive(system)), device, plane_m=6e-3)
+    edits: list[Callable[[], dict[str, Any]]] = [
+        lambda: {"plane_m": float(rng.uniform(4e-3, 6e-3))},
+        lambda: {
+            "system": renderer.system.edit({f"elements.{rng.choice(['one', 'two'])}.distance": rng.uniform(0, 2e-3)})
+        },
+        lambda: {"system": renderer.system.edit({"elements.one.iris_na": rng.uniform(0.02, 0.04)})},
+        lambda: {"system": renderer.system.edit({"elements.mask.seed": int(rng.integers(9))})},
+        lambda: {"system": renderer.system.edit({"amplitudes": rng.uniform(size=(2, 2)) * rng.integers(0, 2, (2, 2))})},
+        lambda: {"system": renderer.system.edit({"eye": [{"pupil": "2 mm"}, None][rng.integers(2)]})},
+        lambda: {"system": renderer.system.edit({"effects.undiffracted@cells.share": rng.uniform(0, 0.3)})},
+        lambda: {"system": renderer.system.edit({"effects.stroke@slm.stroke_error": rng.uniform(0, 0.3)})},
+        lambda: {"drive": hv.random_drive(renderer.system, int(rng.integers(9)))},
+        lambda: {"drive": dict(renderer.drive) | {"cells": renderer.drive["cells"] * np.complex64(0.9)}},
+    ]
+    for _ in range(12):
+        change = edits[rng.integers(len(edits))]
+        for _ in range(rng.integers(1, 4)):
+            renderer.edit(**change())
+            next(iter(renderer.steps()), None)
+        for _ in renderer.steps():
+            pass
+        assert_is_new(renderer, device)

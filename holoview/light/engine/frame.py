@@ -155,11 +155,15 @@ def add_beam(
     behind: Callable[[Field, float], None] | None = None,
 ) -> None:
     """Add the light of a frame and a source to the intensities of all planes. behind: as of `run_stages`."""
-    plan = executor.plan
     spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-    weight = float(plan.weights[frame, wavelength])
     if behind is not None:
-        behind(spectrum, weight)
+        behind(spectrum, float(executor.plan.weights[frame, wavelength]))
+    add_light(executor, spectrum, wavelength, frame)
+
+
+def add_light(executor: Executor[Field], spectrum: Field, wavelength: int, frame: int) -> None:
+    """Add the light of a frame whose spectrum behind the last element is known to the intensities of all planes."""
+    plan, weight = executor.plan, float(executor.plan.weights[frame, wavelength])
     for plane in range(len(plan.planes)):
         seen = executor.transmit(spectrum, plan.way.last, wavelength, plane)
         executor.accumulate(executor.field(seen, plan.way.last), plane, weight)

@@ -2,28 +2,49 @@
 
     for each wavelength:  each frame and source ─▶ intensity, a submission each;  intensity ─▶ XYZ
 
-Nothing is kept over an edit: the next update begins at the light source. A short form has the fused kernels instead.
+Of each beam (wavelength, frame, source) the light behind one element is kept: the last one before what the latest edit
+changed. While the same thing goes on being edited, an update computes what lies behind it, with the same bits. A short
+form has the fused kernels instead.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor
-from holoview.light.engine.frame import add_beam
+from holoview.light.engine.frame import add_light, light_along
 from holoview.light.engine.incremental import LaserReadout, UpdateProgress
-from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.engine.wgpu_executor import GpuField, WgpuExecutor
 from holoview.light.gpu.device import Buffer, Device
-from holoview.light.model.plan import make_plan
+from holoview.light.model.chain import Modulate
+from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
 from holoview.light.optics.frame_inputs import FrameInputs
+from holoview.util.processes import Inputs, are_same
+
+_KEPT_BYTES = 512 << 20  # of fields that are kept; other beams begin at the source
+
+Beam = tuple[int, int, int]
+"""Wavelength, frame, source."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """The light of a beam right behind an element, and all that the latest update was computed from.
+
+    inputs: of the source, and of each step of the way. step: of the element; -1 if nothing is kept. field: its memory.
+    """
+
+    inputs: tuple[Inputs, ...]
+    step: int = -1
+    field: Buffer | None = None
 
 
 class StagedRenderer(LaserReadout):
@@ -44,6 +65,9 @@ class StagedRenderer(LaserReadout):
         every = check_plan(make_plan(system, [*system.planes_m, plane_m]))  # so that padding that follows stays
         plan = replace(every, planes=every.planes[-1:], _transfers={})
         self._executor = WgpuExecutor(plan, FrameInputs(plan, drive), self._device)
+        sizes = (plan.grid, plan.weights.shape, plan.slopes.shape)
+        if getattr(self, "_sizes", None) != sizes:
+            self._sizes, self._kept = sizes, dict[Beam, _Kept]()
         self._plan, self._generation = plan, getattr(self, "_generation", 0) + 1
         self.system, self.drive, self.plane_m = system, drive, plane_m
         self._is_done, self._intensities = False, dict[int, NDArray[np.float32]]()
@@ -72,13 +96,14 @@ class StagedRenderer(LaserReadout):
         """Computes the picture, one submission for each step, for which it waits; ends early after an edit."""
         started, generation = time.perf_counter(), self._generation
         plan, executor, done, total = self._plan, self._executor, 0, self.pending_count()
-        executor.clear_xyz()
+        if not self._is_done:
+            executor.clear_xyz()
         for wavelength in range(len(plan.system.wavelengths_m) if total else 0):
             executor.clear(0)
             for frame in plan.lit(wavelength):
                 for source in range(len(plan.slopes)):
                     before, done = time.perf_counter(), done + 1
-                    add_beam(executor, wavelength, frame, source)
+                    add_light(executor, self._spectrum((wavelength, frame, source)), wavelength, frame)
                     if done < total:
                         executor.submit(wait=True)
                         self._measure(done / total, time.perf_counter() - before)
@@ -90,6 +115,26 @@ class StagedRenderer(LaserReadout):
         executor.submit(wait=True)
         self._is_done, self.progress, self.update_s = True, 1.0, time.perf_counter() - started
         yield UpdateProgress(total, total)
+
+    def _spectrum(self, beam: Beam) -> GpuField:
+        """The spectrum of a beam behind the last element, from the last place on that is kept and still true."""
+        executor, (wavelength, frame, source) = self._executor, beam
+        inputs, kept = _inputs(self._plan, self.drive, beam), self._kept.get(beam)
+        elements = [-1, *(i for i, step in enumerate(self._plan.way.steps) if isinstance(step, Modulate))]
+        true = len(inputs) if kept is None else _leading(kept.inputs, inputs)  # as many entries as stayed the same
+        keep_at = max(i for i in elements if i < max(true - 1, 0))
+        step, copy = (-1, None) if kept is None else (kept.step, kept.field)
+        behind = None
+        if copy is not None and 0 <= step < true - 1:
+            behind = (step, executor.restore(copy))
+        elif copy is None and (len(self._kept) + 1) * executor.field_bytes > _KEPT_BYTES:
+            keep_at = -1
+        first = 0 if behind is None else step + 1
+        for index, (_, field) in enumerate(light_along(executor, wavelength, frame, source, behind), first):
+            if index == keep_at:
+                copy = executor.copy_of(field, copy)
+        self._kept[beam] = _Kept(inputs, keep_at, copy)
+        return field
 
     def _measure(self, progress: float, step_s: float) -> None:
         self.progress = progress
@@ -121,3 +166,34 @@ class StagedRenderer(LaserReadout):
 
     def close(self) -> None:
         """Nothing: it has no search to end."""
+
+
+def _leading(one: Sequence[Inputs], other: Sequence[Inputs]) -> int:
+    """How many inputs at the beginning are the same."""
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((i for i, (a, b) in pairs if not are_same(a, b)), min(len(one), len(other)))
+
+
+def _inputs(plan: Plan, drive: Any, beam: Beam) -> tuple[Inputs, ...]:
+    """What the light of a beam depends on: at the source, and then at each step of the way.
+
+    Effects may make any step depend on all of the bench but its planes, its eye and its patterns.
+    """
+    (wavelength, _, source), way, nominal = beam, plan.way, plan.nominal
+    slopes = tuple(plan.slopes[source, wavelength])
+    light: Inputs = (float(plan.system.wavelengths_m[wavelength]), slopes, nominal.sampling)
+    if nominal.effects:
+        lasers = (tuple(nominal.wavelengths_m), tuple(nominal.amplitudes.ravel()), nominal.source)
+        light = (*light, nominal.effects, nominal.elements, nominal.planes_from, *lasers)
+    names = {id(e): name for e, name in zip(plan.system.elements, plan.system.element_names, strict=True)}
+    steps: list[Inputs] = [light]
+    for step in way.steps:
+        if isinstance(step, Modulate):
+            of = way.transmissions[step.number]
+            arms = [names.get(id(e), "") for e in (of.element, *of.beside)]
+            shown = [drive[name] for name in arms if name in drive] if isinstance(drive, Mapping) else [drive]
+            steps.append((of, *shown))
+        else:
+            number = step.relay
+            steps.append((way.relays[number], way.distances_m[number], way.orders_m[number], way.kernel(number)))
+    return tuple(steps)

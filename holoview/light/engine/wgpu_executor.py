@@ -183,6 +183,17 @@ class WgpuExecutor:
         self._fields[field.index] = self._new_field(field.index)
         self._dispatches = {}
 
+    def copy_of(self, field: GpuField, to: Buffer | None) -> Buffer:
+        """A copy of a field behind an element. to: the buffer of an earlier copy; a new one when None."""
+        copy = to or self._new_field(field.index)
+        self._recording().copy(self._fields[field.index], copy)
+        return copy
+
+    def restore(self, copy: Buffer) -> GpuField:
+        """A field that this executor, or another of the same grid and strategy, made a copy of."""
+        self._recording().copy(copy, self._fields[0])
+        return GpuField(0)
+
     # --- results ----------------------------------------------------------------------------------------------------
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
