@@ -139,8 +139,10 @@ def test_what_goes_on_being_edited_computes_what_lies_behind_it(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_any_edits_give_the_bits_of_a_new_renderer(device: Device, seed: int) -> None:
-    """Some updates are left half done."""
+def test_any_edits_give_the_bits_of_a_new_renderer(device: Device, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some updates are left half done; in one run memory has room for two of four beams."""
+    if seed == 2:
+        monkeypatch.setattr("holoview.light.engine.staged.BUDGET_BYTES", 60_000)  # a field of 48 x 64 has 27 648
     rng, system = np.random.default_rng(seed), long_chain(**{"effects.misplaced@cells.shift_y": 3e-6} if seed else {})
     renderer = StagedRenderer(system, dict(hv.random_drive(system)), device, plane_m=6e-3)
     edits: list[Callable[[], dict[str, Any]]] = [

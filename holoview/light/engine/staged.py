@@ -3,8 +3,8 @@
     for each wavelength:  each frame and source ─▶ intensity, a submission each;  intensity ─▶ XYZ
 
 Of each beam (wavelength, frame, source) the light behind one element is kept: the last one before what the latest edit
-changed. While the same thing goes on being edited, an update computes what lies behind it, with the same bits. A short
-form has the fused kernels instead.
+changed. While the same thing goes on being edited, an update computes what lies behind it, with the same bits. Beams
+for which memory has no room begin at the source. A short form has the fused kernels instead.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor
 from holoview.light.engine.frame import add_light, light_along
-from holoview.light.engine.incremental import LaserReadout, UpdateProgress
+from holoview.light.engine.incremental import BUDGET_BYTES, LaserReadout, UpdateProgress
 from holoview.light.engine.wgpu_executor import GpuField, WgpuExecutor
 from holoview.light.gpu.device import Buffer, Device
 from holoview.light.model.chain import Modulate
@@ -28,8 +28,6 @@ from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.processes import Inputs, are_same
-
-_KEPT_BYTES = 512 << 20  # of fields that are kept; other beams begin at the source
 
 Beam = tuple[int, int, int]
 """Wavelength, frame, source."""
@@ -127,7 +125,7 @@ class StagedRenderer(LaserReadout):
         behind = None
         if copy is not None and 0 <= step < true - 1:
             behind = (step, executor.restore(copy))
-        elif copy is None and (len(self._kept) + 1) * executor.field_bytes > _KEPT_BYTES:
+        elif copy is None and (len(self._kept) + 1) * executor.field_bytes > BUDGET_BYTES:
             keep_at = -1
         first = 0 if behind is None else step + 1
         for index, (_, field) in enumerate(light_along(executor, wavelength, frame, source, behind), first):
