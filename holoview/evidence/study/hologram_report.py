@@ -12,7 +12,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -24,6 +24,7 @@ from holoview.bench.captures.speckle_meter import NO_METER, MeasuredHologram, Me
 from holoview.evidence.study.charts import correlation_figure, data_uri, scatter_figure, speckle_figure
 from holoview.evidence.study.claims import NEEDS, OF_SPECKLE, QUANTITIES, JudgedClaim, NumberClaim, judge_claim
 from holoview.evidence.study.display_contrast import DisplayContrast
+from holoview.evidence.study.hologram_sheets import print_style
 from holoview.evidence.study.report import version_summary
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.colour_speckle import WHITE_CD_M2, ColourSpeckle
@@ -44,18 +45,22 @@ from holoview.light.numerics.sampling import Region
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, new_figure
 
-if TYPE_CHECKING:
-    pass
-
 FORMAT, VERSION = "holoview-report", 1
 
 _WIDEST_PX = 900
 _BENCH_HEADINGS = ("bench", "eye", "effects")
 _FURTHER_ROWS = ("étendue", "square stop of relay 1", "square stop of relay 2", "iris of relay 1", "iris of relay 2")
 _CHART_DPI = 170
-_MOST_ROOMY = 1  # holograms beyond which type and charts are smaller, so that they fit on two sheets
-_LONG_COMMAND = 300  # letters, as of paths in deep folders, beyond which type is smaller, too
 _LEAST_TOLD = 5e-4  # of the light
+_METHODS = (
+    "± is one standard error. Contrast in the manner of IEC 62906-5-2:2016, colour speckle in that of "
+    "IEC 62906-5-4:2018, which are written for laser projection. "
+    "A claim within two standard errors of its limit is undecided."
+)
+_THRESHOLDS = (
+    "Thresholds: still, Roelandt et al., Opt. Express 22, 23965 (2014), 40 observers; "
+    "moving, Verschaffelt et al., Sci. Rep. 5, 14105 (2015), 186 observers."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +69,10 @@ class ReviewedHologram:
 
     name, digest: of its file. system: its bench, without the instrument. measured: of a region, by the instrument.
     plane: in words. picture: (y, x, 3) 8-bit sRGB of what an observer sees without the instrument, brightened by
-    `stops`; wanted: of its target. psnr_db: of the same; black: beside white; mtf: of the region, against the target;
-    edge: of an edge at each plane, for programs. display: contrast ratios of its bench. eyebox: of the bench; None of a
-    field. light: of the bench; None of a chain. behind: of a chain the light left behind each element, by name.
+    `stops`; wanted: of its target. psnr_db: of the same; black: beside white; mtf: of the region, against the
+    target, or why it isn't known, "" without a target; edge: of an edge at each plane, for programs. display:
+    contrast ratios of its bench. eyebox: of the bench; None of a field. light: of the bench; None of a chain.
+    behind: of a chain the light left behind each element, by name.
     """
 
     name: str
@@ -82,7 +88,7 @@ class ReviewedHologram:
     eyebox: EyeboxUniformity | None
     light: LightBudget | None
     region: Region
-    mtf: Mtf | None = None
+    mtf: Mtf | str = ""
     edge: Sequence[dict[str, Any]] = ()
     display: DisplayContrast | None = None
     behind: Mapping[str, float] = field(default_factory=dict)
@@ -106,7 +112,7 @@ class ReviewedHologram:
         if self.display is not None:
             values["CR_sequential"] = (self.display.sequential, None)
             values["CR_checkerboard"] = (self.display.checkerboard, None)
-        if self.mtf is not None and np.isfinite(self.mtf.half):
+        if isinstance(self.mtf, Mtf) and np.isfinite(self.mtf.half):
             values["MTF50"] = (self.mtf.half, None)
         if self.eyebox is not None:
             values["uniformity"] = (self.eyebox.uniformity, None)
@@ -148,7 +154,8 @@ class ReviewedHologram:
             "black_beside_white": None if self.black is None else self.black.as_json(),
             "sequential_contrast": None if self.display is None else self.display.sequential,
             "checkerboard_contrast": None if self.display is None else self.display.checkerboard,
-            "mtf": None if self.mtf is None else self.mtf.as_json(self.measured.view.degrees_per_sample),
+            "mtf": self.mtf.as_json(self.measured.view.degrees_per_sample) if isinstance(self.mtf, Mtf) else None,
+            "no_mtf": "" if isinstance(self.mtf, Mtf) else self.mtf,
             "mtf_of_edge": list(self.edge),
             "observer": self.system.observer,
             "eyebox": eyebox,
@@ -207,15 +214,15 @@ def review_hologram(
     )
 
 
-def _mtf_of(measured: MeasuredHologram, region: Region, *, is_whole: bool) -> Mtf | None:
-    """The MTF of a region of the view against the target; None where the target isn't shown, or hardly has detail."""
+def _mtf_of(measured: MeasuredHologram, region: Region, *, is_whole: bool) -> Mtf | str:
+    """The MTF of a region of the view against the target, or why there is none; "" without a target that is shown."""
     if measured.target is None or measured.found.withheld or is_whole:  # a camera's pixels aren't the view's samples
-        return None
+        return ""
     known = target_luminance(measured.target)
     try:
-        return None if known is None else target_mtf(measured.view.xyz[0, ..., 1], known, region)
-    except UserError:
-        return None
+        return "" if known is None else target_mtf(measured.view.xyz[0, ..., 1], known, region)
+    except UserError as error:
+        return error.found
 
 
 # --- the page ---------------------------------------------------------------------------------------------------------
@@ -238,29 +245,32 @@ def report_html(
     folder = files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     template = environment.from_string(folder.joinpath("hologram_report.html").read_text(encoding="utf-8"))
-    style = folder.joinpath("hologram_report.css").read_text(encoding="utf-8")
+    context = {
+        "title": title,
+        "holograms": [_hologram_context(one) for one in reviewed],
+        "names": [one.name.removesuffix(".safetensors") for one in reviewed],
+        "charts": [chart for one in reviewed for chart in _charts(one, len(reviewed) == 1)],
+        "notes": _by_name(reviewed, _notes),
+        "rows": _number_rows(reviewed),
+        "claims": _claim_rows(reviewed, claims),
+        "lasers": _by_hologram(reviewed, _laser_table),
+        "light": _by_hologram(reviewed, _light_table),
+        "visibility": _by_hologram(reviewed, _visibility_table),
+        "bench": _bench_rows(reviewed),
+        "command": command,
+        "texts": {
+            "methods": _METHODS,
+            "thresholds": _THRESHOLDS,
+            "instrument": " ".join(_by_name(reviewed, _instrument)),
+            "foot": f"{version_summary()}. Seeds: {', '.join(f'{what} {seed}' for what, seed in seeds.items())}. "
+            "The same numbers for programs are in the JSON file beside this page.",
+        },
+    }
+    style = folder.joinpath("hologram_report.css").read_text(encoding="utf-8") + print_style(context)
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode("ascii")
     policy = f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; base-uri 'none'; form-action 'none'"
-    return template.render(
-        title=title,
-        policy="" if live else policy,  # a live page brings its own
-        style=Markup(style),
-        holograms=[_hologram_context(one, len(reviewed) == 1) for one in reviewed],
-        names=[one.name.removesuffix(".safetensors") for one in reviewed],
-        rows=_number_rows(reviewed),
-        claims=_claim_rows(reviewed, claims),
-        lasers=_by_hologram(reviewed, _laser_table),
-        light=_by_hologram(reviewed, _light_table),
-        visibility=_by_hologram(reviewed, _visibility_table),
-        observer=_observer(reviewed[0].system),
-        bench=_bench_rows(reviewed[0]),
-        instrument=reviewed[0].measured.reading,
-        seeds=", ".join(f"{what} {seed}" for what, seed in seeds.items()),
-        command=command,
-        versions=version_summary(),
-        live=live,
-        is_dense=len(reviewed) > _MOST_ROOMY or len(command) > _LONG_COMMAND,
-    )
+    own = "" if live else policy  # a live page brings its own
+    return template.render(context, policy=own, style=Markup(style), live=live)
 
 
 def report_json(
@@ -277,15 +287,30 @@ def report_json(
         "version": VERSION,
         "title": title,
         "holograms": [one.as_json(claims) for one in reviewed],
-        "bench": {row["name"]: row["text"] for row in _bench_rows(reviewed[0])},
+        "bench": {row["name"]: row["text"] for row in _bench_rows(reviewed)},
         "seeds": dict(seeds),
         "command": command,
         "versions": version_summary(),
     }
 
 
-def _hologram_context(one: ReviewedHologram, is_alone: bool) -> dict[str, Any]:
+def _hologram_context(one: ReviewedHologram) -> dict[str, Any]:
     """What the template shows of a hologram by itself."""
+    digest = f", SHA-256 {one.digest[:16]}…" if one.digest else ""
+    stops = f"; shown {one.stops:+.1f} stops brighter" if one.stops else ""
+    region = "{2} × {3} samples at ({0}, {1})".format(*one.region)
+    return {
+        "name": one.name,
+        "heading": f"{one.name}{digest}, at {one.plane}; measured region {region}{stops}",
+        "caption": f"{one.name}, as an observer sees it; the frame is the measured region",
+        "picture": _picture_uri(one.picture, one.region),
+        "aspect": one.picture.shape[0] / one.picture.shape[1],
+        "wanted": "" if one.wanted is None else _picture_uri(one.wanted, one.region),
+    }
+
+
+def _charts(one: ReviewedHologram, is_alone: bool) -> list[dict[str, Any]]:
+    """The charts of a hologram, named where there are several."""
     found = one.measured.found
     charts = [("Region, and its histogram beside the laws of speckle", speckle_figure(found.pattern), (6.0, 2.7))]
     if found.colour is not None:
@@ -293,17 +318,38 @@ def _hologram_context(one: ReviewedHologram, is_alone: bool) -> dict[str, Any]:
     if is_alone and len(found.lasers) > 1:
         draw = correlation_figure([laser.name for laser in found.lasers], found.correlation)
         charts.append(("Correlation between the lasers' patterns", draw, (3.4, 2.7)))
-    return {
-        "name": one.name,
-        "digest": one.digest,
-        "plane": one.plane,
-        "stops": f"{one.stops:+.1f} stops" if one.stops else "",
-        "picture": _picture_uri(one.picture, one.region),
-        "wanted": "" if one.wanted is None else _picture_uri(one.wanted, one.region),
-        "region": "{2} × {3} samples at ({0}, {1})".format(*one.region),
-        "charts": [{"caption": caption, "uri": _chart_uri(draw, size)} for caption, draw, size in charts],
-        "notes": [*_withheld_notes(found), *one.measured.reading.notes, *found.notes],
-    }
+    name = "" if is_alone else f"{one.name}: "
+    return [
+        {"caption": name + caption, "uri": _chart_uri(draw, size), "aspect": size[1] / size[0]}
+        for caption, draw, size in charts
+    ]
+
+
+def _by_name(reviewed: Sequence[ReviewedHologram], say: Callable[[ReviewedHologram], Sequence[str]]) -> list[str]:
+    """Sentences on each hologram; those that hold for some of several begin with their names."""
+    sentences = dict[str, list[str]]()
+    for one in reviewed:
+        for sentence in say(one):
+            sentences.setdefault(sentence, []).append(one.name)
+    return [
+        sentence if len(names) == len(reviewed) else f"{', '.join(names)}: {sentence}"
+        for sentence, names in sentences.items()
+    ]
+
+
+def _notes(one: ReviewedHologram) -> list[str]:
+    found = one.measured.found
+    return [*_withheld_notes(found), *one.measured.reading.notes, *found.notes]
+
+
+def _instrument(one: ReviewedHologram) -> list[str]:
+    reading = one.measured.reading
+    parts = [reading.description, *([reading.grain] if reading.grain else [])]
+    if reading.pixels_a_grain is not None:
+        parts.append(f"{reading.pixels_a_grain:.2g} pixels a grain")
+    if reading.full_scale_sigma is not None:
+        parts.append(f"full scale {reading.full_scale_sigma:.3g} standard deviations")
+    return [f"{'; '.join(parts)}. Observer: {_observer(one.system)}."]
 
 
 def _withheld_notes(found: SpeckleMeasurement) -> list[str]:
@@ -479,8 +525,8 @@ def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
         rows.append(
             ("sequential, checkerboard contrast", words, "pictures optimised for the bench in its middle plane")
         )
-    if any(one.mtf is not None for one in reviewed):
-        words = ["–" if one.mtf is None else _mtf_words(one.mtf, one.measured.view) for one in reviewed]
+    if any(one.mtf for one in reviewed):
+        words = [_mtf_words(one.mtf, one.measured.view) if one.mtf else "–" for one in reviewed]
         rows.append(("MTF falls to a half at", words, "region against the target, all directions"))
     for number in range(max(len(one.edge) for one in reviewed)):
         words = [_edge_words(one.edge[number]) if number < len(one.edge) else "–" for one in reviewed]
@@ -494,7 +540,9 @@ def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
     return rows
 
 
-def _mtf_words(mtf: Mtf, view: View) -> str:
+def _mtf_words(mtf: Mtf | str, view: View) -> str:
+    if isinstance(mtf, str):
+        return mtf
     if not np.isfinite(mtf.half):
         return f"above a half to {mtf.cycles[-1]:.3g}"
     return _edge_words(mtf.as_json(view.degrees_per_sample))
@@ -534,7 +582,17 @@ def _verdict(judged: JudgedClaim, one: ReviewedHologram) -> dict[str, str]:
     return {"value": value, "verdict": judged.verdict, "kind": kinds.get(judged.verdict, "open")}
 
 
-def _bench_rows(one: ReviewedHologram) -> list[dict[str, str]]:
-    """The bench in a few rows."""
-    rows = [row for row in info_rows(one.system) if row.heading in _BENCH_HEADINGS or row.name in _FURTHER_ROWS]
-    return [{"name": row.name, "text": row.text} for row in rows]
+def _bench_rows(reviewed: Sequence[ReviewedHologram]) -> list[dict[str, str]]:
+    """The benches in a few rows, each with the names of the holograms where their benches differ."""
+    texts = dict[str, dict[str, list[str]]]()
+    for one in reviewed:
+        for row in info_rows(one.system):
+            if row.heading in _BENCH_HEADINGS or row.name in _FURTHER_ROWS:
+                texts.setdefault(row.name, {}).setdefault(row.text, []).append(one.name)
+    return [
+        {
+            "name": name,
+            "text": "; ".join(t if len(of) == len(reviewed) else f"{', '.join(of)}: {t}" for t, of in by.items()),
+        }
+        for name, by in texts.items()
+    ]
