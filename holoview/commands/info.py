@@ -10,15 +10,13 @@ import math
 from itertools import groupby
 from typing import Any
 
-import numpy as np
-
 from holoview.commands.arguments import add_changes, add_effects
 from holoview.commands.console import print_json, print_stderr
 from holoview.commands.hologram_files import NAMES_HELP, ShownSystem, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input, add_output, check_files
 from holoview.holograms.optimise.memory import peak_bytes
 from holoview.holograms.view import simulate
-from holoview.light.engine.light_budget import PLACES, LightBudget, light_behind_elements, light_budget
+from holoview.light.engine.light_budget import place_words, told_light
 from holoview.light.model import preset
 from holoview.light.model.bench_drawing import draw_bench
 from holoview.light.model.derived_numbers import info_rows
@@ -62,16 +60,15 @@ def run(args: argparse.Namespace) -> int:
     if args.toml:
         print(preset.dumps(system), end="")
         return 0
-    light, went = _light(shown), _budget(shown)
-    passed = _passed(shown)
+    light, (passed, went) = _light(shown), _budget(shown)
     rows = info_rows(system, None if system.is_field or system.is_chain else peak_bytes(system), light)
     if args.json:
         table: dict[str, Any] = {}
         if shown.read:
             share = None if light.in_picture is None else round(light.in_picture, 9)
             table = {"read": shown.read, "light_in_picture": share}
-        if went is not None:
-            table["light_budget"] = went.as_json()
+        if went:
+            table["light_budget"] = went
         if passed:
             table["light_behind"] = {name: round(share, 9) for name, share in passed.items()}
         for row in rows:
@@ -91,30 +88,27 @@ def run(args: argparse.Namespace) -> int:
         print("\nlight that is left behind each element")
         for name, share in passed.items():
             print(f"  {name:<46}  {share:.2%}")
-    if went is not None:
+    if went:
         print("\nwhere the light went (middle plane)")
-        for words, share in zip(PLACES.values(), went.total.tolist(), strict=True):
+        for place, share in went.items():
             if share > _LEAST_TOLD:
-                print(f"  {words:<46}  {share:.2%}")
+                print(f"  {place_words(place, is_chain=system.is_chain):<46}  {share:.2%}")
     return 0
 
 
-def _passed(shown: ShownSystem) -> dict[str, float]:
-    """The light that is left behind each element of a chain; nothing of a preset, other benches, and large ones."""
+def _budget(shown: ShownSystem) -> tuple[dict[str, float], dict[str, float]]:
+    """The light of a hologram at its middle plane: left behind each element of a chain, and where it goes, by place.
+
+    Nothing of a preset, without light, or where the hologram is large.
+    """
     system = shown.system
+    if shown.drive is None:
+        return {}, {}
     samples = math.prod(system.way.shape) * len(system.wavelengths_m) * system.frames
-    if shown.drive is None or not system.is_chain or samples > _MOST_SUMMED:
-        return {}
-    return light_behind_elements(make_plan(system), shown.drive)
-
-
-def _budget(shown: ShownSystem) -> LightBudget | None:
-    """Where the light of a hologram goes at its middle plane; None of a preset, without light, or where it is large."""
-    if shown.drive is None or shown.system.is_chain or shown.drive.size > _MOST_SUMMED:
-        return None
-    planes_m = focused_planes(shown.system)
-    went = light_budget(make_plan(shown.system, planes_m[len(planes_m) // 2 :][:1]), shown.drive)
-    return went if np.isfinite(went.total).all() else None
+    if (samples if system.is_chain else shown.drive.size) > _MOST_SUMMED:
+        return {}, {}
+    planes_m = focused_planes(system)
+    return told_light(make_plan(system, planes_m[len(planes_m) // 2 :][:1]), shown.drive)
 
 
 def _light(shown: ShownSystem) -> LightFigures:

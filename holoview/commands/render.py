@@ -56,7 +56,7 @@ from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.metrics.speckle import speckle_contrast
 from holoview.holograms.view import View, field_at, light_numbers, random_drive, simulate
 from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops
-from holoview.light.engine.light_budget import light_budget
+from holoview.light.engine.light_budget import told_light
 from holoview.light.model import preset
 from holoview.light.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.light.model.plan import make_plan
@@ -272,14 +272,11 @@ def _light_budgets(
     system: System, drive: NDArray[np.float32], planes_m: NDArray[np.float64]
 ) -> list[dict[str, float] | None]:
     """Where the light of each plane went; None without light and where following it would take long."""
-    if (
-        system.is_chain
-        or drive.size * len(planes_m) * (1 if system.is_field else len(system.wavelengths_m)) > _MOST_FOLLOWED
-    ):
+    samples = math.prod(system.way.shape) * system.frames if system.is_chain else drive.size
+    if samples * len(planes_m) * (1 if system.is_field else len(system.wavelengths_m)) > _MOST_FOLLOWED:
         return [None] * len(planes_m)
     plan = make_plan(system, planes_m)
-    budgets = [light_budget(plan, drive, plane) for plane in range(len(planes_m))]
-    return [budget.as_json() if np.isfinite(budget.total).all() else None for budget in budgets]
+    return [told_light(plan, drive, plane)[1] or None for plane in range(len(planes_m))]
 
 
 def _simulated(

@@ -188,9 +188,12 @@ def test_contrast_and_report_state_what_the_optimiser_states(holoview: Callable[
     holoview("report", "found.safetensors", *target, *claims, "-o", "report.html")
     (told,) = json.loads((chain / "report.json").read_text())["holograms"]
     assert told["contrast"] == pytest.approx(measured["contrast"], rel=1e-12)
-    assert [claim["verdict"] for claim in told["claims"]] == ["holds", "not measured"]
-    left = json.loads(holoview("info", "found.safetensors", "--json").out)["light_behind"]
-    assert told["light_behind_elements"] == pytest.approx(left)
+    assert [claim["verdict"] for claim in told["claims"]] == ["holds", "holds"]
+    left = json.loads(holoview("info", "found.safetensors", "--json").out)
+    assert told["light_behind_elements"] == pytest.approx(left["light_behind"])
+    assert told["light_budget"] == pytest.approx(left["light_budget"])
+    assert sum(told["light_budget"].values()) == pytest.approx(1.0, abs=1e-6)
+    assert "lost at coarse" in (chain / "report.html").read_text(encoding="utf-8")
     sweep = ("--set", "elements.space.distance=1mm:2mm:2", "--measure", "contrast", *target, "--json", "-o", "gap.csv")
     points = json.loads(holoview("sweep", "found.safetensors", *sweep).out)["points"]
     assert points[0]["contrast"] == pytest.approx(measured["contrast"], rel=1e-12)

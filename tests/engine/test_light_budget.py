@@ -9,7 +9,7 @@ import pytest
 
 import holoview as hv
 from holoview.holograms.view import random_drive, simulate
-from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget
+from holoview.light.engine.light_budget import PLACES, LightBudget, light_budget, told_light
 from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -43,6 +43,20 @@ def test_the_shares_add_up_to_1_and_none_is_negative(system: System) -> None:
     assert budget.by_wavelength.sum(axis=0) == pytest.approx(1.0, abs=1e-12)
     assert budget.total.min() > -ROUNDING and _share(budget, "modulators") < ROUNDING
     assert sum(budget.as_json().values()) == pytest.approx(1.0, abs=10 * ROUNDING)
+
+
+@pytest.mark.parametrize("name", sorted(of for of in preset.names() if preset.load(of).is_chain))
+def test_the_light_of_a_chain_adds_up_to_1(name: str) -> None:
+    """The part of the light in the plane that is in the picture is that which rendering measures."""
+    system = preset.load(name)
+    drive, plane_m = random_drive(system), system.planes_m[:1]
+    behind, went = told_light(make_plan(system, plane_m), drive)
+    assert sum(went.values()) == pytest.approx(1.0, abs=10 * ROUNDING) and min(went.values()) >= 0
+    assert {f"at {of}" for of in behind} < set(went)
+    assert list(behind.values())[-1] == pytest.approx(1 - sum(went[f"at {of}"] for of in behind), abs=10 * ROUNDING)
+    seen = simulate(system, drive, plane_m, backend="torch")
+    share = went["picture"] / (went["picture"] + went["outside_picture"])
+    assert seen.light is not None and share == pytest.approx(float(seen.light.by_plane[0]), abs=10 * ROUNDING)
 
 
 def test_picture_and_zero_order_are_the_light_of_the_image() -> None:

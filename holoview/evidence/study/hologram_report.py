@@ -36,7 +36,7 @@ from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, v
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import View
 from holoview.light.colour import fitting_stops, to_srgb8
-from holoview.light.engine.light_budget import PLACES, LightBudget, light_behind_elements, light_budget
+from holoview.light.engine.light_budget import place_words, told_light
 from holoview.light.model.derived_numbers import info_rows
 from holoview.light.model.focus import plane_label
 from holoview.light.model.plan import make_plan
@@ -71,8 +71,7 @@ class ReviewedHologram:
     plane: in words. picture: (y, x, 3) 8-bit sRGB of what an observer sees without the instrument, brightened by
     `stops`; wanted: of its target. psnr_db: of the same; black: beside white; mtf: of the region, against the
     target, or why it isn't known, "" without a target; edge: of an edge at each plane, for programs. display:
-    contrast ratios of its bench. eyebox: of the bench; None of a field. light: of the bench; None of a chain.
-    behind: of a chain the light left behind each element, by name.
+    contrast ratios of its bench. eyebox: of the bench; None of a field. light, behind: as of `told_light`.
     """
 
     name: str
@@ -86,7 +85,7 @@ class ReviewedHologram:
     psnr_db: float | None
     black: BlackBesideWhite | None
     eyebox: EyeboxUniformity | None
-    light: LightBudget | None
+    light: Mapping[str, float]
     region: Region
     mtf: Mtf | str = ""
     edge: Sequence[dict[str, Any]] = ()
@@ -116,14 +115,9 @@ class ReviewedHologram:
             values["MTF50"] = (self.mtf.half, None)
         if self.eyebox is not None:
             values["uniformity"] = (self.eyebox.uniformity, None)
-        if self.known_light is not None:
-            values["picture_light"] = (float(self.known_light.total[list(PLACES).index("picture")]), None)
+        if self.light:
+            values["picture_light"] = (self.light["picture"], None)
         return values
-
-    @property
-    def known_light(self) -> LightBudget | None:
-        """The light of the bench, where its shares are numbers: some light enters."""
-        return self.light if self.light is not None and np.isfinite(self.light.total).all() else None
 
     @property
     def is_raw(self) -> bool:
@@ -159,7 +153,7 @@ class ReviewedHologram:
             "mtf_of_edge": list(self.edge),
             "observer": self.system.observer,
             "eyebox": eyebox,
-            "light_budget": None if self.known_light is None else self.known_light.as_json(),
+            "light_budget": dict(self.light) or None,
             **({"light_behind_elements": dict(self.behind)} if self.behind else {}),
             "claims": [
                 {"claim": of.claim.text, "value": of.value, "standard_error": of.error, "verdict": of.verdict}
@@ -193,6 +187,7 @@ def review_hologram(
         psnr_db = float(psnr_linear_srgb(view.rgb[0], plain.target).mean_db)
         known = target_luminance(plain.target)
         black = None if known is None else black_beside_white(view.xyz[0, ..., 1], known)
+    behind, light = told_light(make_plan(system, [plane_m]), hologram.drive)
     return ReviewedHologram(
         name=name,
         digest=digest,
@@ -205,8 +200,8 @@ def review_hologram(
         psnr_db=psnr_db,
         black=black,
         eyebox=None if system.is_field else eyebox_uniformity_of(hologram),
-        light=None if system.is_chain else light_budget(make_plan(system, [plane_m]), hologram.drive),
-        behind=light_behind_elements(make_plan(system, [plane_m]), hologram.drive) if system.is_chain else {},
+        light=light,
+        behind=behind,
         region=region,
         mtf=_mtf_of(measured, region, is_whole=meter.camera is not None),
         edge=edge,
@@ -373,10 +368,8 @@ def _laser_table(one: ReviewedHologram) -> dict[str, str]:
 
 
 def _light_table(one: ReviewedHologram) -> dict[str, str]:
-    if one.light is None:
-        return {f"behind {name}": _percent(share) for name, share in one.behind.items()}
-    shares = zip(PLACES.values(), one.light.total.tolist(), strict=True)
-    return {words: _percent(share) for words, share in shares if share > _LEAST_TOLD}
+    words = {place: place_words(place, is_chain=one.system.is_chain) for place in one.light}
+    return {words[place]: _percent(share) for place, share in one.light.items() if share > _LEAST_TOLD}
 
 
 def _visibility_table(one: ReviewedHologram) -> dict[str, str]:

@@ -35,6 +35,19 @@ PLACES = {
     "modulators": "absorbed by the modulators",
 }
 """Where light ends, with words for it."""
+_LAST_PLACES = {
+    "stops": "at the stops behind the last element",
+    "pupil": PLACES["pupil"],
+    "beyond_grid": PLACES["beyond_grid"],
+    "outside_picture": PLACES["outside_picture"],
+}
+
+
+def place_words(place: str, *, is_chain: bool = False) -> str:
+    """Words for a place of a budget: one of `PLACES`; of a chain "at NAME", "stops", and "picture" with zero order."""
+    if not is_chain:
+        return PLACES[place]
+    return {**_LAST_PLACES, "picture": "in the picture"}.get(place, f"lost {place}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +70,7 @@ def light_budget(plan: Plan, drive: Any, plane: int = 0) -> LightBudget:
     """Where the light of a bench went that shows a plane of a plan.
 
     drive: as of `simulate`. It takes the transforms of a frame, in PyTorch. Raises UserError for a chain of elements
-    (`light_behind_elements`).
+    (`chain_light`).
     """
     if plan.way.is_chain:
         raise needs_short_form("where the light went")
@@ -76,18 +89,56 @@ def light_budget(plan: Plan, drive: Any, plane: int = 0) -> LightBudget:
     return LightBudget(shares, total)
 
 
-def light_behind_elements(plan: Plan, drive: Any) -> dict[str, float]:
-    """The share of the light of all lasers that is left behind each element of a chain, by its name.
+def chain_light(plan: Plan, drive: Any, plane: int = 0) -> tuple[dict[str, float], dict[str, float]]:
+    """The light of all lasers in a chain of elements that shows a plane of a plan, as shares of what enters it.
 
-    drive: as of `simulate`. "before NAME" is the light that arrives at an element. In PyTorch.
+    drive: as of `simulate`. The first are the shares that are left behind each element, by its name; "before NAME" is
+    the light that arrives at it. The second are those that end at each place of `place_words`, the zero order among
+    them: "at NAME" is what is lost from the place before to this one. They add up to 1; NaN without light. In PyTorch.
     """
     executor, powers, whole = TorchExecutor(plan, FrameInputs(plan, drive)), dict[str, float](), 0.0
     for beam in plan.beams(range(len(plan.lasers))):
         whole += beam.weight * math.prod(plan.grid.shape)
         for landmark, field in light_along(executor, beam.wavelength, beam.frame, beam.source):
-            if landmark not in ("", SPECTRUM):
-                powers[landmark] = powers.get(landmark, 0.0) + beam.weight * _power(_samples(executor, field))
-    return {name: power / whole if whole else math.nan for name, power in powers.items()}
+            if landmark == SPECTRUM:
+                found = _behind_chain(executor, field, beam.wavelength, plane)
+            else:
+                found = {landmark: _power(_samples(executor, field))} if landmark else {}
+            for name, power in found.items():
+                powers[name] = powers.get(name, 0.0) + beam.weight * power
+    shares = {name: power / whole if whole else math.nan for name, power in powers.items()}
+    behind = {name: share for name, share in shares.items() if name not in _LAST_PLACES}
+    names = [*(f"at {name}" for name in behind), *_LAST_PLACES]
+    lost = -np.diff([1.0, *shares.values()])
+    return behind, dict(zip(names, lost.tolist(), strict=True)) | {"picture": shares["outside_picture"]}
+
+
+def told_light(plan: Plan, drive: Any, plane: int = 0) -> tuple[dict[str, float], dict[str, float]]:
+    """The light left behind each element of a chain, and where that of any bench went, by place; empty without light.
+
+    Arguments as of `light_budget` and `chain_light`.
+    """
+    if not plan.way.is_chain:
+        budget = light_budget(plan, drive, plane)
+        return {}, budget.as_json() if np.isfinite(budget.total).all() else {}
+    behind, went = chain_light(plan, drive, plane)
+    if not all(map(math.isfinite, went.values())):
+        return {}, {}
+    return behind, {place: round(max(share, 0.0), 9) for place, share in went.items()}
+
+
+def _behind_chain(executor: TorchExecutor, spectrum: TorchField, wavelength: int, plane: int) -> dict[str, float]:
+    """The power that is left behind each of `_LAST_PLACES`, of a spectrum behind the last element of a chain."""
+    plan = executor.plan
+    bins = math.prod(plan.grid.padded)
+    seen = executor.transmit(spectrum, plan.way.last, wavelength, plane)
+    left = (
+        spectrum_power(spectrum.values, executor.stops(wavelength).abs()) / bins,
+        spectrum_power(spectrum.values, executor.passed_amplitude(wavelength)) / bins,
+        spectrum_power(seen.values, None) / bins,
+        _power(executor.field(seen, plan.way.last).values),
+    )
+    return dict(zip(_LAST_PLACES, left, strict=True))
 
 
 def _beam(executor: TorchExecutor, wavelength: int, frame: int, source: int, plane: int) -> dict[str, float]:
