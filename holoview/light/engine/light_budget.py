@@ -63,7 +63,7 @@ class LightBudget:
 
     def as_json(self) -> dict[str, float]:
         """The shares of all wavelengths together, by place; places that no light reaches have 0."""
-        return {name: round(max(float(share), 0.0), 9) for name, share in zip(PLACES, self.total, strict=True)}
+        return {name: round(max(0.0, float(share)), 9) for name, share in zip(PLACES, self.total, strict=True)}
 
 
 def light_budget(plan: Plan, drive: Any, plane: int = 0) -> LightBudget:
@@ -124,7 +124,7 @@ def told_light(plan: Plan, drive: Any, plane: int = 0) -> tuple[dict[str, float]
     behind, went = chain_light(plan, drive, plane)
     if not all(map(math.isfinite, went.values())):
         return {}, {}
-    return behind, {place: round(max(share, 0.0), 9) for place, share in went.items()}
+    return behind, {place: round(max(0.0, share), 9) for place, share in went.items()}
 
 
 def _behind_chain(executor: TorchExecutor, spectrum: TorchField, wavelength: int, plane: int) -> dict[str, float]:
