@@ -232,6 +232,17 @@ def test_gaps_and_wrong_units_of_a_table_are_one_sentence(change: object, found:
         load_observer(file)
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_commas_are_decimal_signs_where_something_else_separates(separator: str, tmp_path: Path) -> None:
+    rows = [[nm, 0.25, 0.5, 0.125] for nm in range(400, 500, 10)]
+    found = []
+    for name, between, sign in (("a.csv", ",", "."), ("b.csv", separator, ",")):
+        lines = [between.join(f"{value:g}".replace(".", sign) for value in row) for row in rows]
+        (tmp_path / name).write_text("\n".join([between.join(["nm", "r", "g", "b"]), *lines]))
+        found.append(load_observer(tmp_path / name).partition(":")[2])
+    assert found[0] == found[1]
+
+
 def test_an_empty_cell_and_other_text_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("nm,qe\n" + "\n".join(f"{nm},0.1" for nm in range(400, 500, 10)) + "\n500,\n")
     with pytest.raises(UserError, match="an empty cell; expected a number"):

@@ -58,8 +58,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the scores in the plane of the hologram, and of the view at each plane from each viewpoint."""
-    if len(args.names) == 2 and all(is_light_file(Path(name)) for name in args.names):
-        return _compare_light(args)
+    if len(args.names) == 2 and (light := [name for name in args.names if is_light_file(Path(name))]):
+        if len(light) == 2:
+            return _compare_light(args)
+        (other,) = set(args.names) - set(light)
+        remedy = "`holoview render HOLOGRAM -o light.npz` writes that of a hologram"
+        raise UserError(other, f"isn't light that holoview wrote, as {light[0]} is", expected="both", remedy=remedy)
     field, reference = _fields(args)
     check_alike(field, reference)
     hologram, views = hologram_scores(field, reference), _view_scores(args, field, reference)

@@ -323,7 +323,7 @@ def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measu
     image = picture_luminance(path, is_linear=args.linear)
     chosen = region or central_region(image.luminance.shape)
     target = _picture_target(args, image.luminance.shape)
-    found = measure_speckle(image.luminance, chosen, target, is_aligned=args.align)
+    found = measure_speckle(image.luminance, chosen, target, image.lasers, is_aligned=args.align)
     own = image.clipped_share, image.clipped_at, image.notes
     return _Measured(image.description, found, *own)
 

@@ -269,9 +269,10 @@ def load_observer(path: str | os.PathLike[str]) -> str:
 
 
 def _cells(line: str) -> list[str]:
-    for separator in (",", ";", "\t"):
+    """The cells of a line; where semicolons or tabs separate them, commas are decimal signs."""
+    for separator in (";", "\t", ","):
         if separator in line:
-            return [cell.strip().strip('"') for cell in line.split(separator)]
+            return [cell.strip().strip('"').replace(",", ".") for cell in line.split(separator)]
     return line.split()
 
 

@@ -110,6 +110,36 @@ def test_the_contrast_by_pupil_is_measured_beside_the_target(
     assert "\n2     mm   withheld  withheld " in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".npy", ".exr"])
+def test_light_in_a_file_has_the_numbers_of_its_hologram(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str], suffix: str
+) -> None:
+    """Luminance and lasers are equal to the last bit; the lasers' colours follow from sums, to rounding."""
+    assert cli.main(["render", "h.safetensors", "--backend", "torch", "-o", f"light{suffix}"]) == 0
+    capsys.readouterr()
+    found, own = _json(capsys, f"light{suffix}"), _json(capsys, "h.safetensors")
+    assert found["contrast"] == own["contrast"] and found["standard_error"] == own["standard_error"]
+    assert [of["contrast"] for of in found["lasers"]] == [of["contrast"] for of in own["lasers"]]
+    assert found["correlation"] == own["correlation"]
+    for key in ("n_eff_powers", "n_eff_correlation", "one_by_one_contrast"):
+        assert found[key] == pytest.approx(own[key], rel=1e-5)
+    for key in ("mean_uv", "ellipse_95_area"):
+        assert found["colour_speckle"][key] == pytest.approx(own["colour_speckle"][key], rel=1e-4)
+    assert cli.main(["compare", f"light{suffix}", "h.safetensors"]) == 2
+    assert "h.safetensors: isn't light that holoview wrote" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["mono", "qe.csv"])
+def test_who_sees_no_colours_sees_no_colour_speckle(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    rows = [f"{nm};0,{nm - 350}" for nm in range(380, 790, 10)]
+    Path("qe.csv").write_text("\n".join(["nm;qe", *rows]), encoding="utf-8")
+    found = _json(capsys, "h.safetensors", "--observer", name)
+    assert "colour_speckle" not in found and len(found["lasers"]) == 8
+    assert "colour_speckle" in _json(capsys, "h.safetensors")
+
+
 def test_an_observer_looks_at_a_hologram(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
     eye, old = (_json(capsys, "h.safetensors", "--observer", who) for who in ("eye", "age 70, field 4"))
     assert old["lasers"][0]["luminance_share"] != eye["lasers"][0]["luminance_share"]

@@ -269,7 +269,7 @@ def test_pictures_in_which_nothing_can_be_measured_are_refused(
     Image.new("RGB", (16, 12)).save("black.png")
     assert "usable pixels of mean 0" in _refused(capsys, "black.png", "--dark", "black.png", "--linear", "--gain", "2")
     tifffile.imwrite("pixel.tiff", np.full((1, 1), 9, np.uint16))
-    assert "usable pixels" in _refused(capsys, "pixel.tiff", "--black", "1", "--linear")
+    assert "a single usable pixel" in _refused(capsys, "pixel.tiff", "--black", "1", "--linear")
     tifffile.imwrite("even.tiff", np.full((12, 16), 4095, np.uint16))
     undo = ("--black", "1", "--gain", "3", "--linear", "--saturation", "undo")
     assert "no two levels" in _refused(capsys, "even.tiff", *undo)

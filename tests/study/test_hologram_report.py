@@ -261,6 +261,16 @@ def test_a_claim_within_two_standard_errors_is_undecided(text: str, verdict: str
 def test_a_raw_value_is_a_bound_that_bears_out_a_claim_from_one_side(text: str, verdict: str) -> None:
     values = {"C": (0.4, 0.01), "N_eff": (6.0, None), "PSNR": (15.0, None)}
     assert judge_claim(parse_claim(text), values, is_raw=True).verdict == verdict
+    is_of_light = text.startswith("PSNR")
+    assert judge_claim(parse_claim(text), values, is_rough=True).verdict == (verdict if is_of_light else "undecided")
+
+
+def test_two_pixels_decide_no_claim(folder: Path, tmp_path: Path) -> None:
+    options = ("--claim", "C < 4", "--region", "0,0,2,1", "-o", str(tmp_path / "r.html"))
+    assert cli.main(["report", str(folder / "one.safetensors"), *options]) == 0
+    (found,) = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["holograms"]
+    assert [claim["verdict"] for claim in found["claims"]] == ["undecided"]
+    assert ", from too few grains)" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -96,21 +96,25 @@ def parse_claim(text: str) -> NumberClaim:
 
 
 def judge_claim(
-    claim: NumberClaim, values: Mapping[str, tuple[float, float | None]], is_raw: bool = False
+    claim: NumberClaim,
+    values: Mapping[str, tuple[float, float | None]],
+    is_raw: bool = False,
+    is_rough: bool = False,
 ) -> JudgedClaim:
     """A claim beside measured values and their standard errors, by quantity.
 
     is_raw: whether the structure of a picture counts in the values of speckle. It adds to the contrasts and to the area
     of the colours, and makes lasers more alike: such a value is a bound, which can bear out a claim from one side only.
-    Others are undecided.
+    Others are undecided. is_rough: whether too few grains were measured for the values of speckle to decide anything.
     """
     if claim.quantity not in values:
         return JudgedClaim(claim, None, None, "not measured")
     value, error = values[claim.quantity]
-    if error is not None and abs(value - claim.limit) <= SIGMAS * error:
+    is_of_speckle = claim.quantity in OF_SPECKLE
+    if (is_rough and is_of_speckle) or (error is not None and abs(value - claim.limit) <= SIGMAS * error):
         return JudgedClaim(claim, value, error, "undecided")
     holds = _OPERATORS[claim.comparison](value, claim.limit)
     is_bound_on_the_other_side = ("<" in claim.comparison or claim.comparison == "≤") == (claim.quantity == "N_eff")
-    if is_raw and claim.quantity in OF_SPECKLE and (not holds or is_bound_on_the_other_side):
+    if is_raw and is_of_speckle and (not holds or is_bound_on_the_other_side):
         return JudgedClaim(claim, value, error, "undecided")
     return JudgedClaim(claim, value, error, "holds" if holds else "doesn't hold")

@@ -126,7 +126,8 @@ class ReviewedHologram:
 
     def judge(self, claims: Sequence[NumberClaim]) -> list[JudgedClaim]:
         """The claims beside these values."""
-        return [judge_claim(claim, self.values, self.is_raw) for claim in claims]
+        is_rough = self.measured.found.luminance.has_few_grains
+        return [judge_claim(claim, self.values, self.is_raw, is_rough) for claim in claims]
 
     def as_json(self, claims: Sequence[NumberClaim]) -> dict[str, Any]:
         """For programs."""
@@ -570,6 +571,8 @@ def _verdict(judged: JudgedClaim, one: ReviewedHologram) -> dict[str, str]:
     value = NEEDS.get(judged.claim.quantity, "") if judged.value is None else _value(judged.value, judged.error)
     if is_of_speckle and judged.value is None and found.withheld:
         value = "the contrast is withheld"
+    elif is_of_speckle and judged.value is not None and found.luminance.has_few_grains:
+        value += ", from too few grains"
     elif is_of_speckle and judged.value is not None and one.is_raw:
         value += ", raw" if judged.verdict == "holds" else ", raw: needs a target"
     return {"value": value, "verdict": judged.verdict, "kind": kinds.get(judged.verdict, "open")}

@@ -147,7 +147,7 @@ def light_differences(light: PlaneLight, reference: PlaneLight) -> list[dict[str
 
     equal: whether what both files store of XYZ, RGB of one colour space and intensities is the same bit by bit, or else
     XYZ; quantities: which were compared. psnr_db: of linear sRGB, clipped. delta_e: mean CIEDE2000. largest_xyz: the
-    largest difference.
+    largest difference. Of equal light these are endless, 0 and 0.
     """
     same_space = light.about.get("rgb_space") == reference.about.get("rgb_space")
     names = [name for name in light.stored if name in reference.stored and (name != "rgb" or same_space)]
@@ -156,12 +156,14 @@ def light_differences(light: PlaneLight, reference: PlaneLight) -> list[dict[str
     names = names or ["xyz"]
     rows = []
     for plane, (seen, wanted) in enumerate(zip(light.xyz, reference.xyz, strict=True)):
-        rgb, wanted_rgb = (xyz_to_linear_srgb(xyz) for xyz in (seen, wanted))
         pairs = [(getattr(light, name)[plane], getattr(reference, name)[plane]) for name in names]
+        is_equal = all(np.array_equal(one, other) for one, other in pairs)
+        wanted = seen if is_equal else wanted  # a file without XYZ has it from its RGB, but for rounding
+        rgb, wanted_rgb = (xyz_to_linear_srgb(xyz) for xyz in (seen, wanted))
         rows.append(
             {
                 "plane_m": float(reference.planes_m[plane]) if len(reference.planes_m) > plane else None,
-                "equal": all(np.array_equal(one, other) for one, other in pairs),
+                "equal": is_equal,
                 "quantities": names,
                 "psnr_db": psnr_linear_srgb(rgb, wanted_rgb).mean_db,
                 "delta_e": delta_e_linear_srgb(rgb, wanted_rgb),

@@ -24,13 +24,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.holograms.files.image_reader import Raster, read_raster
-from holoview.holograms.files.light_file import is_light_file, read_light
+from holoview.holograms.files.light_file import PlaneLight, is_light_file, read_light
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
 from holoview.holograms.metrics.likeness import luminance_contrast, resolved_contrast
 from holoview.holograms.metrics.perceptual import MsSsim, measure_perceptual_scores, ms_ssim
 from holoview.holograms.metrics.retinal import RetinalCurve, pupils_of, retinal_curve
 from holoview.holograms.metrics.speckle import SpeckleContrast
+from holoview.holograms.metrics.speckle_measurement import LaserImages, images_of_lasers
 from holoview.holograms.optimise.eyes import PupilPlaces
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
@@ -349,6 +350,7 @@ class LuminanceImage:
     description: of the image, for people.
     clipped_share: share of its pixels that are as bright as the file can hold, or as its camera could count; they hide
     the brightest speckle. clipped_at: from which number in the file, in words. notes: remarks on how it was read.
+    lasers: the light of each laser, where it is known.
     """
 
     luminance: NDArray[np.floating]
@@ -356,6 +358,7 @@ class LuminanceImage:
     clipped_share: float = 0.0
     clipped_at: str = ""
     notes: tuple[str, ...] = ()
+    lasers: LaserImages | None = None
 
 
 def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
@@ -368,7 +371,8 @@ def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
     if is_light_file(path):
         light = read_light(path)
         notes = (f"{len(light.xyz)} planes, the first is used",) if len(light.xyz) > 1 else ()
-        return LuminanceImage(light.xyz[0, ..., 1], f"luminance of {path.name}", notes=notes)
+        name, lasers = f"luminance of {path.name}", _lasers_of_light(light)
+        return LuminanceImage(light.xyz[0, ..., 1], name, notes=notes, lasers=lasers)
     raster = read_raster(path)
     clipped, clipped_at = _clipped(raster)
     if is_linear:
@@ -377,6 +381,22 @@ def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
     else:
         luminance, name = read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1], f"luminance of {path.name}"
     return LuminanceImage(luminance, name, clipped, clipped_at, raster.notes)
+
+
+def _lasers_of_light(light: PlaneLight) -> LaserImages | None:
+    """The lasers at the first plane, whose colours follow from the XYZ that their intensities add up to.
+
+    None where a file doesn't hold intensities, or where they are too much alike to tell the colours.
+    """
+    if light.intensity is None or len(light.wavelengths_m) != light.intensity.shape[1]:
+        return None
+    intensity = light.intensity[0]
+    parts = intensity.reshape(len(intensity), -1).astype(np.float64)
+    products = parts @ parts.T
+    if np.linalg.matrix_rank(products, hermitian=True) < len(products):
+        return None
+    colours = np.linalg.solve(products, parts @ light.xyz[0].reshape(-1, 3).astype(np.float64))
+    return images_of_lasers(light.wavelengths_m, colours, intensity)
 
 
 def _clipped(raster: Raster) -> tuple[float, str]:

@@ -121,7 +121,7 @@ def read_photograph(path: Path, statements: CameraStatements) -> Photograph:
         raise UserError(str(path), "a black level that nothing tells", expected="a dark picture", remedy=remedy)
     raster = read_raster(path)
     counts, notes = _counts(path, raster, statements)
-    darks = [_dark_counts(file, counts.shape, statements) for file in statements.dark]
+    darks = [_other_counts(file, "a dark picture", path, counts.shape, statements) for file in statements.dark]
     black, dark_variance = _black(darks, statements)
     light = counts - black
     saturated, level = _saturation(raster, counts, float(np.mean(black)))
@@ -149,13 +149,15 @@ def _counts(path: Path, raster: Raster, statements: CameraStatements) -> tuple[F
     return values * scale, ()
 
 
-def _dark_counts(path: Path, shape: tuple[int, ...], statements: CameraStatements) -> Floats:
-    """A dark picture. Raises UserError for one of another size."""
+def _other_counts(
+    path: Path, what: str, photograph: Path, shape: tuple[int, ...], statements: CameraStatements
+) -> Floats:
+    """A further picture beside a photograph of a shape. what: it is. Raises UserError for one of another size."""
     require_picture_of_camera(path, statements.accepts_jpeg)
     raster = read_raster(path)
     values = raster.values[..., 0] if len(shape) == 2 and raster.values.shape[-1] == 1 else raster.values
     if values.shape != shape:
-        raise UserError(str(path), f"a dark picture of {_size(values.shape)}", expected=f"{_size(shape)}")
+        raise UserError(str(path), f"{what} of {_size(values.shape)}", expected=f"{_size(shape)}, as {photograph} has")
     if statements.is_encoded:
         values = srgb_decode(values)
     return values * (float(raster.white or 255) if raster.encoded else 1.0)
@@ -213,7 +215,7 @@ def _noise(
             raise UserError("--read-noise", "without --gain", expected="both: read noise is in electrons")
         read_variance = (statements.read_noise_electrons / gain) ** 2 + 1 / 12
     if gain is None:
-        found = _transfer(light, saturated, statements, black)
+        found = _transfer(path, light, saturated, statements, black)
         if found is None:
             notes.append(
                 "the electrons a count can't be told from the picture: shot noise isn't taken off, and the contrast "
@@ -231,13 +233,21 @@ def _noise(
 
 
 def _transfer(
-    light: Floats, saturated: NDArray[np.bool_], statements: CameraStatements, black: Floats | float
+    path: Path, light: Floats, saturated: NDArray[np.bool_], statements: CameraStatements, black: Floats | float
 ) -> PhotonTransfer | None:
-    """Electrons a count from a second picture, or from the highest frequencies of this one; of green in colour."""
+    """Electrons a count from a second picture, or from the highest frequencies of this one; of green in colour.
+
+    Raises UserError for a second picture of another size, and for a copy.
+    """
     grey = light if light.ndim == 2 else light[..., 1]
     if statements.repeat is None:
         return transfer_of_pictures([grey], [~saturated])
-    second = _dark_counts(statements.repeat, light.shape, statements) - black
+    second = _other_counts(statements.repeat, "a picture", path, light.shape, statements) - black
+    if np.array_equal(second, light):
+        found = f"the same numbers as {path}"
+        raise UserError(
+            str(statements.repeat), found, expected="a second picture of the same light, with its own noise"
+        )
     return transfer_of_repeats(grey, second if light.ndim == 2 else second[..., 1], ~saturated)
 
 

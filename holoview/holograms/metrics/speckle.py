@@ -75,11 +75,11 @@ class SpecklePattern:
         Raises UserError when fewer than two pixels with light remain.
         """
         values = self.counted
-        mean = float(values.mean()) if values.size > 1 else 0.0
-        if not mean > 0.0:
+        mean = float(values.mean()) if values.size else 0.0
+        if values.size < 2 or not mean > 0.0:
             raise UserError(
                 "region",
-                f"{values.size} usable pixels of mean {mean:g}",
+                "a single usable pixel" if values.size == 1 else f"{values.size} usable pixels of mean {mean:g}",
                 expected="two or more pixels with light on them",
                 remedy="choose a larger or brighter region",
             )

@@ -365,7 +365,7 @@ def _with_lasers(
     dark = len(powers) - len(lit)
     notes: tuple[str, ...] = (f"{dark} of {len(powers)} lasers have no light that is seen here",) if dark else ()
     colour, independent_colour = None, None
-    if lasers.colours is not None:
+    if lasers.colours is not None and np.linalg.matrix_rank(lasers.colours[lit]) > 1:  # else all have one colour
         means = powers[lit, None] * lasers.colours[lit]
         of_noise = None
         if lasers.noise is not None:
