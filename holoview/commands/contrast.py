@@ -44,7 +44,6 @@ from holoview.commands.hologram_files import (
 )
 from holoview.commands.output_files import add_input, add_output
 from holoview.commands.speckle_options import (
-    STRUCTURE_COUNTS,
     add_edge,
     add_meter,
     add_place,
@@ -75,7 +74,7 @@ from holoview.holograms.metrics.photograph import (
 from holoview.holograms.metrics.retinal import pupils_of
 from holoview.holograms.metrics.sharpness import slanted_edge_mtf
 from holoview.holograms.metrics.speckle import independent_patterns
-from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, measure_speckle
+from holoview.holograms.metrics.speckle_measurement import STRUCTURE_COUNTS, SpeckleMeasurement, measure_speckle
 from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource

@@ -18,7 +18,6 @@ from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import add_field_options, check_no_field_options, is_preset, open_files
 from holoview.commands.output_files import add_input, add_output, check_files
 from holoview.commands.speckle_options import (
-    STRUCTURE_COUNTS,
     add_edge,
     add_meter,
     add_place,
@@ -33,6 +32,7 @@ from holoview.evidence.study.hologram_report import report_html, report_json, re
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.colour_speckle import DRAW_SEED
 from holoview.holograms.metrics.image_quality import central_region
+from holoview.holograms.metrics.speckle_measurement import STRUCTURE_COUNTS
 from holoview.holograms.view import random_drive
 from holoview.light.model.focus import parse_plane
 from holoview.light.model.system import System

@@ -40,10 +40,6 @@ def add_place(parser: argparse.ArgumentParser) -> None:
     )
 
 
-STRUCTURE_COUNTS = "structure of a picture counts as speckle here: choose a region that should be even, or --target"
-"""What is said of the contrast of a picture whose target isn't known."""
-
-
 def add_target(parser: argparse._ActionsContainer) -> None:
     """Adds --target, --depth and --framing; see `target_from_args`."""
     add_input(parser, "--target", metavar="PICTURE", help="what it should show: its structure is divided out")

@@ -32,7 +32,7 @@ from holoview.holograms.metrics.fidelity import psnr_linear_srgb
 from holoview.holograms.metrics.image_quality import EyeboxUniformity, eyebox_uniformity_of
 from holoview.holograms.metrics.sharpness import BlackBesideWhite, Mtf, black_beside_white, target_mtf
 from holoview.holograms.metrics.speckle import target_luminance
-from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, visibility
+from holoview.holograms.metrics.speckle_measurement import STRUCTURE_COUNTS, SpeckleMeasurement, visibility
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import View
 from holoview.light.colour import fitting_stops, to_srgb8
@@ -241,11 +241,13 @@ def report_html(
     folder = files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     template = environment.from_string(folder.joinpath("hologram_report.html").read_text(encoding="utf-8"))
+    charts = [chart for one in reviewed for chart in _charts(one, len(reviewed) == 1)]
     context = {
         "title": title,
         "holograms": [_hologram_context(one) for one in reviewed],
         "names": [one.name.removesuffix(".safetensors") for one in reviewed],
-        "charts": [chart for one in reviewed for chart in _charts(one, len(reviewed) == 1)],
+        "charts": charts,
+        "fills_charts": len(reviewed) == 1 and len(charts) % 2 == 1,
         "notes": _by_name(reviewed, _notes),
         "rows": _number_rows(reviewed),
         "claims": _claim_rows(reviewed, claims),
@@ -335,7 +337,8 @@ def _by_name(reviewed: Sequence[ReviewedHologram], say: Callable[[ReviewedHologr
 
 def _notes(one: ReviewedHologram) -> list[str]:
     found = one.measured.found
-    return [*_withheld_notes(found), *one.measured.reading.notes, *found.notes]
+    raw = [STRUCTURE_COUNTS] if one.is_raw and not found.withheld else []
+    return [*raw, *_withheld_notes(found), *one.measured.reading.notes, *found.notes]
 
 
 def _instrument(one: ReviewedHologram) -> list[str]:
@@ -412,10 +415,16 @@ def _picture_uri(pixels: NDArray[np.uint8], region: Region) -> str:
     return f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode('ascii')}"
 
 
+def _plain(value: float, digits: int = 3) -> str:
+    """A number to so many digits, without a power of ten where it is neither large nor small."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if 1000 <= abs(value) < 1e6 else text
+
+
 def _value(value: float, error: float | None = None, digits: int = 3) -> str:
     """A number with its standard error in words, to the error's second digit."""
     if error is None or error <= 0:
-        return f"{value:.{digits}g}"
+        return _plain(value, digits)
     places = max(0, min(6, 1 - int(np.floor(np.log10(error)))))
     return f"{value:.{places}f} ± {error:.{places}f}"
 
@@ -509,11 +518,13 @@ def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
         words = ["–" if one.psnr_db is None else f"{one.psnr_db:.2f} dB" for one in reviewed]
         rows.append(("PSNR to the target", words, "linear sRGB, whole picture, fixed brightness"))
     if any(one.black is not None for one in reviewed):
-        words = ["–" if one.black is None else f"{one.black.ratio:.3g} : 1" for one in reviewed]
+        words = ["–" if one.black is None else f"{_plain(one.black.ratio)} : 1" for one in reviewed]
         rows.append(("white over black beside it", words, "target above 50 %, below 1 % of its maximum"))
     if any(one.display is not None for one in reviewed):
         words = [
-            "–" if one.display is None else f"{one.display.sequential:.3g} : 1, {one.display.checkerboard:.3g} : 1"
+            "–"
+            if one.display is None
+            else f"{_plain(one.display.sequential)} : 1, {_plain(one.display.checkerboard)} : 1"
             for one in reviewed
         ]
         rows.append(

@@ -52,6 +52,7 @@ def _second(context: Mapping[str, Any]) -> list[Block]:
     is_alone = len(context["names"]) == 1
     light = stack([_HEADING, _plain(context, "light")])
     lasers = [stack([_HEADING, _plain(context, "lasers")])] if context["lasers"] else []
+    above, below = ([light], lasers) if context["fills_charts"] else ([], [light, *lasers])
     notes = [text(note, _SMALL_PT) for note in context["notes"]]
     seen = stack([_HEADING, text(context["texts"]["instrument"], _SMALL_PT, 1.6), *notes, text("", 1.0, 1.0)])
     charts = [picture(chart["aspect"], chart["caption"], _SMALL_PT, 60.0) for chart in context["charts"]]
@@ -59,8 +60,8 @@ def _second(context: Mapping[str, Any]) -> list[Block]:
     rows = [[row["name"], row["text"]] for row in context["bench"]]
     benches = [table(part, (0.26, 0.74), _SMALL_PT) for part in (rows[:half], rows[half:])]
     return [
-        beside([*charts, light], 2, 5.0) if is_alone else stack([beside(charts, 4, 3.0), light]),
-        beside([*lasers, seen], 2, 7.0) if is_alone else stack([*lasers, seen]),
+        beside([*charts, *above], 2, 5.0) if is_alone else beside(charts, 4, 3.0),
+        beside([*below, seen], 2, 7.0) if is_alone else stack([*below, seen]),
         _HEADING,
         beside(benches, 2, 7.0),
         _HEADING,

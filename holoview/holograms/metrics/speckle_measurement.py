@@ -55,6 +55,9 @@ STILL_THRESHOLD = 0.03
 MOVING_THRESHOLDS = {"red": 0.069, "green": 0.060, "blue": 0.048}
 """The same of moving pictures (Verschaffelt et al., Sci. Rep. 5, 14105 (2015))."""
 
+STRUCTURE_COUNTS = "structure of a picture counts as speckle here: choose a region that should be even, or --target"
+"""What is said of the contrast of a picture whose target isn't known."""
+
 STILL_SOURCE = "Roelandt et al., Opt. Express 22, 23965 (2014), 40 observers"
 MOVING_SOURCE = "Verschaffelt et al., Sci. Rep. 5, 14105 (2015), 186 observers"
 

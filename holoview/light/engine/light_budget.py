@@ -47,7 +47,8 @@ def place_words(place: str, *, is_chain: bool = False) -> str:
     """Words for a place of a budget: one of `PLACES`; of a chain "at NAME", "stops", and "picture" with zero order."""
     if not is_chain:
         return PLACES[place]
-    return {**_LAST_PLACES, "picture": "in the picture"}.get(place, f"lost {place}")
+    words = f"lost {place}".replace("lost at before ", "lost before ")
+    return {**_LAST_PLACES, "picture": "in the picture"}.get(place, words)
 
 
 @dataclass(frozen=True, eq=False)
