@@ -27,6 +27,8 @@ T = TypeVar("T")
 _SIZE, _SIZES = (24, 32), ((1, 1), (1, 7), (2, 2), (3, 50), (90, 64))
 _REGIONS = ("0,0,2,2", "3,3,8,8", "0,0,32,24", "5,5,1,9", "2,9,20,1")
 _WRONG_REGIONS = ("0,0,1,1", "0,0,24,32", "-1,0,4,4", "30,20,9,9", "0,0,0,0", "a")
+_CLAIMS = ("C < 0.4", "PSNR > 20 dB", "MTF50 > 0.1", "picture_light > 1 %", "N_eff ≥ 3", "colour_area < 1e-3")
+_WRONG_CLAIMS = ("", "C", "C < nan", "C < 1e999", "K < 1", "C = 1", "C < 0.4" * 20)
 _NUMBERS, _WRONG_NUMBERS = ("0.5", "1", "3", "65"), ("0", "-1", "1e-300", "1e300", "nan", "inf", "65536", "")
 
 
@@ -113,6 +115,8 @@ def _hologram(rng: Random) -> Case:
     files, (target, depth) = _files(rng, "target", "depth")
     first = _pick(rng, ("bench.toml", "hologram.safetensors"))
     command = _pick(rng, (["contrast", first], ["contrast", first], ["report", first, "-o", "r.html"]))
+    claims = [["--claim", _mostly(rng, _CLAIMS, _WRONG_CLAIMS)] for _ in range(2)] * (command[0] == "report")
+    further = [["hologram.safetensors"], ["--title", "x" * 3000]] * (command[0] == "report")
     camera = ["camera", "--f-number", _mostly(rng, ("16", "60"), ("0", "nan", "0.7")), "--pixel"]
     pupils = [["--pupils", _mostly(rng, ("2mm", "1,3mm"), ("0mm", "nan", "90mm", ""))]] * (command[0] == "contrast")
     options = [
@@ -123,13 +127,37 @@ def _hologram(rng: Random) -> Case:
         (0.2, ["--plane", _mostly(rng, ("10mm", "8mm"), ("0mm", "nan", "-1mm", "1e300mm"))]),
         (0.1, ["--edge", _mostly(rng, _REGIONS, _WRONG_REGIONS)]),
         (0.3, ["--meter", *_pick(rng, (["eye"], ["iec"], [*camera, _mostly(rng, ("4um", "9um"), ("0um", "1m"))]))]),
+        *((0.4, given) for given in claims),
+        *((0.2, given) for given in further),
         *((0.5, given) for given in pupils),
         *((0.3, ["--align"]) for _ in pupils),
     ]
+    options.sort(key=lambda pair: pair[1][0].startswith("--"))  # names of files stand before options
     arguments = [*command, *(part for chance, option in options if rng.random() < chance for part in option), "--json"]
     return files_case(
         "measured holograms", " ".join(arguments), valid("picture") | valid("hologram") | files, *arguments
     )
+
+
+def _light(rng: Random) -> Case:
+    """A damaged file of light, measured, compared, or as a target."""
+    names = [f"light.{suffix}" for suffix in ("npz", "npy", "exr", "tif")]
+    name, other = _pick(rng, names), _pick(rng, names)
+    files = valid("light") | valid("hologram") | valid("picture")
+    if rng.random() < 0.9:
+        files |= {name: bytes(damage(bytearray(files[name]), rng))}
+    arguments = _pick(
+        rng,
+        (
+            ["contrast", name],
+            ["contrast", name, "--edge", "0,0,16,16"],
+            ["compare", name, other],
+            ["compare", name, "hologram.safetensors"],
+            ["contrast", "hologram.safetensors", "--target", name],
+            ["report", "hologram.safetensors", "--target", name, "-o", "r.html"],
+        ),
+    )
+    return files_case("files of light", " ".join(arguments), files, *arguments, "--json")
 
 
 def _photograph(rng: Random) -> Case:
@@ -227,6 +255,7 @@ def _decoder(rng: Random) -> Case:
 MAKERS: dict[str, Callable[[Random], Case]] = {
     "contrast": _contrast,
     "measured holograms": _hologram,
+    "files of light": _light,
     "photographs": _photograph,
     "observers": _observer,
     "profiles": _profile,
