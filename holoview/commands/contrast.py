@@ -56,6 +56,7 @@ from holoview.commands.speckle_options import (
 from holoview.evidence.study.charts import make_figure, retinal_figure, scatter_figure, speckle_figure
 from holoview.evidence.study.study import StudyFigure
 from holoview.holograms.files.image_reader import file_format
+from holoview.holograms.files.light_file import is_light_file
 from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.grains import PixelNoise, SumNoise
@@ -82,6 +83,7 @@ from holoview.holograms.view import random_drive
 from holoview.light.model.focus import parse_plane, plane_label
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region, region_slices
+from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, require_matplotlib
 from holoview.util.file_writer import write_file
@@ -268,7 +270,7 @@ def _mtf(args: argparse.Namespace, shown: _ShownHologram | None) -> list[dict[st
         if all("no_edge" in row for row in rows):
             raise UserError("--edge", rows[0]["no_edge"], expected="a region that a slanted edge divides")
         return rows
-    image = picture_luminance(Path(args.names[0]), is_linear=True).luminance
+    image = picture_luminance(Path(args.names[0]), is_linear=True, plane_m=_plane_of_light(args)).luminance
     found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
     return [{"plane": "", **found.as_json(None)}]
 
@@ -319,7 +321,7 @@ def _measured_hologram(
 def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measured:
     path = Path(args.names[0])
     require_picture_of_camera(path, args.jpeg)
-    image = picture_luminance(path, is_linear=args.linear)
+    image = picture_luminance(path, is_linear=args.linear, plane_m=_plane_of_light(args))
     chosen = region or central_region(image.luminance.shape)
     target = _picture_target(args, image.luminance.shape)
     found = measure_speckle(image.luminance, chosen, target, image.lasers, is_aligned=args.align)
@@ -491,8 +493,13 @@ def _shown(hologram: Hologram, plane: str | None, name: str) -> _ShownHologram:
     return _ShownHologram(hologram, plane_m, name)
 
 
+def _plane_of_light(args: argparse.Namespace) -> float | None:
+    """The distance (m) of --plane, None without it. Raises UserError for one in dioptres."""
+    return None if args.plane is None else units.parse(args.plane, "--plane")
+
+
 def _check_picture_options(args: argparse.Namespace) -> None:
-    if args.scheme or args.changes or args.plane:
+    if args.scheme or args.changes or (args.plane and not is_light_file(Path(args.names[0]))):
         raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
     if args.meter is not None:
         raise UserError("--meter", "with a picture", expected="a preset or a hologram: a picture has its instrument")

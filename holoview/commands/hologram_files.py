@@ -10,7 +10,7 @@ import argparse
 import re
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -24,6 +24,7 @@ from holoview.commands.arguments import (
     with_changes,
 )
 from holoview.commands.console import print_stderr, progress_bar
+from holoview.holograms.fields.field_file import FIELD_FORMAT
 from holoview.holograms.fields.interpret.remembered import (
     over,
     parse_order,
@@ -42,12 +43,13 @@ from holoview.holograms.files.request import (
     Viewpoint,
     WindowRequest,
 )
-from holoview.holograms.hologram import Hologram
+from holoview.holograms.hologram import FORMAT, Hologram
 from holoview.holograms.load_field import OpenedHologram, open_hologram
 from holoview.light.model import preset
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.safetensors_file import format_of
 
 _COUNT = r"(?:\d++(?:\.\d++)?|\.\d++)"
 _NEGATIVE = re.compile(rf"-{_COUNT}(?:,-?{_COUNT})*+ ?[a-zµ]*+$")
@@ -311,6 +313,8 @@ def open_files(names: Sequence[str], args: argparse.Namespace) -> OpenedHologram
     Raises UserError as `open_hologram` does.
     """
     request = request_from_args(args)
+    if args.distance is None and len(names) == 1 and format_of(names[0]) in (FORMAT, FIELD_FORMAT):
+        request = replace(request, distance_m=None)  # --plane chooses one of its own planes, or another one
     size = sum(Path(name).stat().st_size for name in names if Path(name).is_file())
     with progress_bar("reading") if size > _LARGE_BYTES else nullcontext() as progress:
         opened = open_hologram(names, request, None if progress is None else lambda n, of: progress(n, of, "rows"))

@@ -161,10 +161,10 @@ def _is_same_or_inside(path: Path, other: Path) -> bool:
     return os.path.normcase(os.path.realpath(path)) == os.path.normcase(os.path.realpath(other))
 
 
-def check_suffix(path: Path, suffix: str) -> None:
-    """Raises UserError unless the path can be the name of a file with this suffix."""
+def check_suffix(path: Path, suffix: str, *others: str) -> None:
+    """Raises UserError unless the path can be the name of a file with this suffix. others: named as fit, too."""
     if path.suffix.lower() != suffix:
-        raise UserError(str(path), f'the suffix "{path.suffix}"', expected=suffix)
+        raise UserError(str(path), f'the suffix "{path.suffix}"', expected=" or ".join((suffix, *others)))
     if path.is_dir():
         raise UserError(str(path), "is a folder", expected=f"the name of a {suffix} file to write")
 

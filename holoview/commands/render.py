@@ -182,7 +182,7 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     output = args.output or default_output(system.name, "", ".png")
     if output.suffix.lower() in LIGHT_SUFFIXES:
         return _write_numbers(args, shown, planes_m, report)
-    check_suffix(output, ".png")
+    check_suffix(output, ".png", *LIGHT_SUFFIXES)
     paths = _plane_paths(output, planes_m)
     beside = [] if shown.other_side is None else [path_with_suffix(path, "other-side") for path in paths]
     check_files(args, {"-o": [*paths, *beside]})

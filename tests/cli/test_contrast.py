@@ -129,6 +129,22 @@ def test_light_in_a_file_has_the_numbers_of_its_hologram(
     assert "h.safetensors: isn't light that holoview wrote" in capsys.readouterr().err
 
 
+def test_a_plane_is_that_of_the_hologram_of_its_light_and_of_a_stack(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """--plane chooses one of a hologram's planes, beside a stack with a picture for each of them too."""
+    assert cli.main(["render", "h.safetensors", "--plane", "all", "--backend", "torch", "-o", "light.npz"]) == 0
+    capsys.readouterr()
+    middle = _json(capsys, "h.safetensors", "--plane", "10mm")
+    assert middle["contrast"] == _json(capsys, "h.safetensors")["contrast"] == _json(capsys, "light.npz")["contrast"]
+    first = ("--plane", "9mm")
+    raw = _json(capsys, "h.safetensors", *first)["contrast"]
+    assert raw == _json(capsys, "light.npz", *first)["contrast"] != middle["contrast"]
+    assert _json(capsys, "h.safetensors", *first, "--target", "light.npz")["contrast"] < 1e-5  # it is its own target
+    assert cli.main(["contrast", "light.npz", "--plane", "12mm"]) == 2
+    assert "holds no light at 12 mm; expected one at 9, 9.5, 10, 10.5, 11 mm" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["mono", "qe.csv"])
 def test_who_sees_no_colours_sees_no_colour_speckle(
     hologram: hv.Hologram, capsys: pytest.CaptureFixture[str], name: str

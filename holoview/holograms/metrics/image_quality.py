@@ -361,18 +361,21 @@ class LuminanceImage:
     lasers: LaserImages | None = None
 
 
-def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
+def picture_luminance(path: Path, *, is_linear: bool = False, plane_m: float | None = None) -> LuminanceImage:
     """The luminance of a picture file, or of light that holoview wrote as numbers.
 
-    is_linear: its integers hold intensity, not an sRGB signal.
+    is_linear: its integers hold intensity, not an sRGB signal. plane_m: of light at several planes; the middle one if
+    None, as of a hologram.
 
-    Raises UserError as `read_raster` and `read_picture` do.
+    Raises UserError as `read_raster` and `read_picture` do, and for a plane that a file doesn't hold.
     """
     if is_light_file(path):
         light = read_light(path)
-        notes = (f"{len(light.xyz)} planes, the first is used",) if len(light.xyz) > 1 else ()
-        name, lasers = f"luminance of {path.name}", _lasers_of_light(light)
-        return LuminanceImage(light.xyz[0, ..., 1], name, notes=notes, lasers=lasers)
+        plane = _plane_of(path, light, plane_m)
+        name, lasers = f"luminance of {path.name}", _lasers_of_light(light, plane)
+        if len(light.xyz) > 1:
+            name += f", plane {plane + 1} of {len(light.xyz)}"
+        return LuminanceImage(light.xyz[plane, ..., 1], name, lasers=lasers)
     raster = read_raster(path)
     clipped, clipped_at = _clipped(raster)
     if is_linear:
@@ -383,19 +386,31 @@ def picture_luminance(path: Path, *, is_linear: bool = False) -> LuminanceImage:
     return LuminanceImage(luminance, name, clipped, clipped_at, raster.notes)
 
 
-def _lasers_of_light(light: PlaneLight) -> LaserImages | None:
-    """The lasers at the first plane, whose colours follow from the XYZ that their intensities add up to.
+def _plane_of(path: Path, light: PlaneLight, plane_m: float | None) -> int:
+    """The index of a plane (m); of the middle one if None."""
+    if plane_m is None:
+        return len(light.xyz) // 2
+    found = np.flatnonzero(np.abs(light.planes_m - plane_m) < 1e-9)
+    if not found.size:
+        known = ", ".join(f"{1e3 * z:.4g}" for z in light.planes_m)
+        expected = f"one at {known} mm" if known else "no plane: it doesn't say where its light is"
+        raise UserError(str(path), f"holds no light at {1e3 * plane_m:.4g} mm", expected=expected)
+    return int(found[0])
+
+
+def _lasers_of_light(light: PlaneLight, plane: int) -> LaserImages | None:
+    """The lasers at a plane, whose colours follow from the XYZ that their intensities add up to.
 
     None where a file doesn't hold intensities, or where they are too much alike to tell the colours.
     """
     if light.intensity is None or len(light.wavelengths_m) != light.intensity.shape[1]:
         return None
-    intensity = light.intensity[0]
+    intensity = light.intensity[plane]
     parts = intensity.reshape(len(intensity), -1).astype(np.float64)
     products = parts @ parts.T
     if np.linalg.matrix_rank(products, hermitian=True) < len(products):
         return None
-    colours = np.linalg.solve(products, parts @ light.xyz[0].reshape(-1, 3).astype(np.float64))
+    colours = np.linalg.solve(products, parts @ light.xyz[plane].reshape(-1, 3).astype(np.float64))
     return images_of_lasers(light.wavelengths_m, colours, intensity)
 
 
