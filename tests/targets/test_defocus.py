@@ -152,6 +152,23 @@ def test_a_kernel_larger_than_announced_is_refused() -> None:
         FftConvolver(np.zeros((1, 30, 30), dtype=np.float32), 8).convolve(blur_kernel(9, "square"))
 
 
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (4.5, -3.25)])
+@pytest.mark.parametrize("aperture", APERTURES)
+def test_a_blur_wider_than_the_picture_is_cut_to_what_acts_on_it(
+    aperture: Aperture, shift: tuple[float, float]
+) -> None:
+    """Pixels of 12 × 9 are at most 11 apart; what is left is the middle of the whole blur, whose area is that of its
+    shape to 1/64 of a pixel's strip along the rim."""
+    whole, cut = blur_kernel(40.0, aperture, shift), blur_kernel(40.0, aperture, shift, most=11)
+    middle = len(whole) // 2
+    assert cut.shape == (23, 23) and cut.sum() < 0.2
+    assert cut == pytest.approx(whole[middle - 11 : middle + 12, middle - 11 : middle + 12], rel=1e-4)
+    assert (blur_kernel(3.0, aperture, shift, most=50) == blur_kernel(3.0, aperture, shift)).all()
+    picture = np.random.default_rng(0).random((1, 12, 9)).astype(np.float32)
+    blurred = [FftConvolver(picture, len(of) // 2).convolve(of) for of in (whole, cut)]
+    assert blurred[0] == pytest.approx(blurred[1], rel=1e-4)
+
+
 @pytest.mark.parametrize("aperture", APERTURES)
 @pytest.mark.parametrize("shape", [(40, 31), (9, 12), (1, 5)])
 def test_the_share_inside_the_frame_is_what_blurring_an_even_frame_leaves(

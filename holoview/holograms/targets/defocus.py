@@ -65,15 +65,19 @@ class LightCone:
         (y, x), (offset_y, offset_x) = self.centre, self.offset_m
         return (distance_m * y + offset_y) / pitch_m, (distance_m * x + offset_x) / pitch_m
 
-    def kernel(self, distance_m: float, pitch_m: float) -> NDArray[np.float64]:
-        """The blur of a point on a plane at Δz = `distance_m` behind it, see `blur_kernel`."""
-        return blur_kernel(self.radius_px(distance_m, pitch_m), self.aperture, self.shift_px(distance_m, pitch_m))
+    def kernel(self, distance_m: float, pitch_m: float, most: int | None = None) -> NDArray[np.float64]:
+        """The blur of a point on a plane at Δz = `distance_m` behind it. most: as of `blur_kernel`."""
+        shift_px = self.shift_px(distance_m, pitch_m)
+        return blur_kernel(self.radius_px(distance_m, pitch_m), self.aperture, shift_px, most)
 
 
 def blur_kernel(
-    radius_px: float, aperture: Aperture, shift_px: tuple[float, float] = (0.0, 0.0)
+    radius_px: float, aperture: Aperture, shift_px: tuple[float, float] = (0.0, 0.0), most: int | None = None
 ) -> NDArray[np.float64]:
     """The blur of a point, shape (2r + 1, 2r + 1) with r = ceil(radius + greatest shift − ½) and sum 1.
+
+    most: greatest r, beyond which the blur is cut off, as no two pixels of a picture are further apart; its sum is then
+    the share that is left.
 
     radius_px: half the side of the square, or radius of the disc. Below half a pixel it counts as half a pixel, so that
     the kernel of a point that isn't shifted is a single sample. shift_px: (y, x) of the shape's middle.
@@ -84,20 +88,26 @@ def blur_kernel(
     reach = max(math.ceil(radius + max(abs(y), abs(x)) - 0.5), 0)
     if reach == 0:
         return np.ones((1, 1))
+    is_cut = most is not None and most < reach
+    reach = min(reach, most) if most is not None else reach
     if aperture == "square":
         half = np.array([radius])
         shape = np.outer(_pixel_overlap(half, reach, y)[0], _pixel_overlap(half, reach, x)[0])
+        area = 4 * radius**2
     else:
-        shape = _disc_strips(radius, reach, y, x) + _disc_strips(radius, reach, x, y).T
-    return np.asarray(shape / shape.sum())
+        shape = (_disc_strips(radius, reach, y, x) + _disc_strips(radius, reach, x, y).T) / 2
+        area = math.pi * radius**2
+    return np.asarray(shape / (area if is_cut else shape.sum()))
 
 
 def _disc_strips(radius: float, reach: int, across: float, along: float) -> NDArray[np.float64]:
     """A disc's area in each pixel (across, along), centred there: a sum over strips, each of them exact."""
-    rows = (np.arange((2 * reach + 1) * _STRIPS_PER_PIXEL) + 0.5) / _STRIPS_PER_PIXEL - 0.5 - reach
-    chords = np.sqrt(np.maximum(radius**2 - (rows - across) ** 2, 0))
-    strips = _pixel_overlap(chords, reach, along).reshape(2 * reach + 1, _STRIPS_PER_PIXEL, -1)
-    return np.asarray(strips.sum(axis=1))
+    offsets = (np.arange(_STRIPS_PER_PIXEL) + 0.5) / _STRIPS_PER_PIXEL - 0.5
+    found = np.empty((2 * reach + 1, 2 * reach + 1))
+    for row, middle in enumerate(range(-reach, reach + 1)):  # all rows at once would take 64 times the kernel
+        chords = np.sqrt(np.maximum(radius**2 - (middle + offsets - across) ** 2, 0))
+        found[row] = _pixel_overlap(chords, reach, along).sum(axis=0) / _STRIPS_PER_PIXEL
+    return found
 
 
 def kernel_share_in_frame(

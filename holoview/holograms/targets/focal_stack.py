@@ -134,9 +134,10 @@ def render_focal_stack(
     count = max(layer_count(depth, one, pitch_m) for one in dict.fromkeys(cones))
     labels, distances = split_layers(depth, layers or count)
     cones_at = list(zip(cones, np.asarray(planes_m, dtype=np.float64).tolist(), strict=True))
-    kernels = [[one.kernel(z - d, pitch_m) for one, z in cones_at] for d in distances.tolist()]
     shifts = [one.shift_px(z - d, pitch_m) for one, z in cones_at for d in distances.tolist()]
     margin = max(math.ceil(abs(shift)) for pair in shifts for shift in pair)
+    most = max(labels.shape) + 2 * margin - 1  # between two of the picture's pixels
+    kernels = [[one.kernel(z - d, pitch_m, most) for one, z in cones_at] for d in distances.tolist()]
     if margin:
         rgb_linear = np.pad(rgb_linear, ((margin, margin), (margin, margin), (0, 0)), mode="edge")
         labels = np.pad(labels, margin, mode="edge")

@@ -187,11 +187,9 @@ class MovingPupilTarget:
         groups: list[list[int]],
     ) -> list[list[_Group]]:
         """The groups of each beam's groups, near to far."""
-        pairs = list(np.ndindex(*self._focus_m.shape))
-        kernels = [
-            [self._pupil.cone(λ).kernel(float(self._focus_m[plane, λ]) - d, self._pitch_m) for plane, λ in pairs]
-            for d in distances.tolist()
-        ]
+        pairs, most = list(np.ndindex(*self._focus_m.shape)), max(labels.shape) - 1
+        at = [(self._pupil.cone(λ), float(self._focus_m[plane, λ])) for plane, λ in pairs]
+        kernels = [[cone.kernel(z - d, self._pitch_m, most) for cone, z in at] for d in distances.tolist()]
         reach = max(len(kernel) // 2 for layer in kernels for kernel in layer)
         made: list[list[_Group]] = [[] for _ in self._beams]
         for layers in groups:
