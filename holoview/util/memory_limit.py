@@ -43,6 +43,7 @@ _GROUP_FILES = (
     ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 )
 """The limit and the use of a control group, and its cache in memory.stat, in versions 2 and 1."""
+_NO_LIMIT = 1 << 62  # bytes; version 1 writes 2⁶³ less a page where there is no limit, and version 2 "max"
 
 
 def parse_size(text: str, where: str) -> int:
@@ -147,8 +148,8 @@ def _cgroup_left(mount: Path, membership: Path) -> Iterator[int]:
     """The bytes that each memory limit of this process's control groups leaves; files' caches count as free."""
     for group in group_folders(mount, membership, "memory"):
         for limit, usage, cache in _GROUP_FILES:
-            most, used = read_lines(group / limit), read_lines(group / usage)
-            if most and used and most[0].isdecimal():
+            most = read_lines(group / limit)
+            if most and most[0].isdecimal() and int(most[0]) < _NO_LIMIT and (used := read_lines(group / usage)):
                 statistics = dict(line.split(" ", 1) for line in read_lines(group / "memory.stat") if " " in line)
                 yield max(int(most[0]) - int(used[0]) + int(statistics.get(cache, 0)), 0)
 

@@ -279,13 +279,13 @@ def group_folders(mount: Path, membership: Path, controller: str) -> Iterator[Pa
             continue
         top = mount / controllers if (mount / controllers).is_dir() else mount / controller
         folder = top / name.lstrip("/")
-        yield from (group for group in (folder, *folder.parents) if group == top or top in group.parents)
+        yield from (folder, *folder.parents[: len(folder.parts) - len(top.parts)])
 
 
 def read_lines(path: Path) -> list[str]:
     """The lines of a file of the kernel; none where it can't be read."""
     try:
-        return path.read_text(encoding="ascii").splitlines()
+        return path.read_bytes().decode("ascii").splitlines()
     except (OSError, UnicodeDecodeError):
         return []
 

@@ -26,12 +26,12 @@ def _group(folder: Path, limit: str, names: tuple[str, str, str]) -> None:
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_limit_of_any_group_around_the_process_counts(version: int, tmp_path: Path) -> None:
     names = ("memory.max", "memory.current", "inactive_file")
-    top, line = tmp_path, "0::/a/b"
+    top, line, without_limit = tmp_path, "0::/a/b", "max"
     if version == 1:
         names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-        top, line = tmp_path / "memory", "4:cpu,memory:/a/b"
+        top, line, without_limit = tmp_path / "memory", "4:cpu,memory:/a/b", str(2**63 - 4096)
     (tmp_path / "cgroup").write_text(f"1:name=systemd:/a\n{line}\n", encoding="ascii")
-    _group(top / "a" / "b", "max", names)
+    _group(top / "a" / "b", without_limit, names)
     assert list(memory_limit._cgroup_left(tmp_path, tmp_path / "cgroup")) == []
     _group(top / "a", str(LIMIT), names)
     assert list(memory_limit._cgroup_left(tmp_path, tmp_path / "cgroup")) == [LIMIT - USED + CACHE]
