@@ -44,8 +44,8 @@ LONGEST = (
 )
 """Files that take long, begun first: of several processes none then works on one of them when the others have ended."""
 
-TOGETHER = ("tests/calibrate/",)
-"""Folders whose files share a fixture that takes long: one process works on all of them."""
+TOGETHER = ("tests/architecture/", "tests/calibrate/")
+"""Folders whose files share what takes long: one process works on all of them."""
 
 _MUCH_MEMORY = 64 << 20  # bytes by which a file's tests may leave the process larger
 

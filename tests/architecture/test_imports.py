@@ -13,10 +13,9 @@ from pathlib import Path
 
 import pytest
 
-import holoview
+from tests.architecture.source_trees import PACKAGE, source_trees
 from tests.patience import PATIENCE_S
 
-PACKAGE = Path(holoview.__file__).resolve().parent
 CONFIGURATION = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
 DESCRIPTION = (
     *(f"util.{name}" for name in ("errors", "files", "tables", "units")),
@@ -144,9 +143,8 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
-@cache
 def _tree(module: str) -> ast.Module:
-    return ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    return source_trees()[MODULES[module]]
 
 
 def _is_type_checking(node: ast.AST) -> bool:

@@ -7,20 +7,16 @@ from pathlib import Path
 
 import pytest
 
-import holoview
+from tests.architecture.source_trees import PACKAGE, source_trees
 from tests.conftest import LONGEST
 
-PACKAGE = Path(holoview.__file__).resolve().parent
 MOST_FUNCTION_LINES = 60
 
 
 @pytest.fixture(scope="module")
 def trees() -> dict[str, ast.Module]:
     """The syntax of every module by its path."""
-    return {
-        str(path.relative_to(PACKAGE)): ast.parse(path.read_text(encoding="utf-8"))
-        for path in sorted(PACKAGE.rglob("*.py"))
-    }
+    return {str(path.relative_to(PACKAGE)): tree for path, tree in source_trees().items()}
 
 
 def test_at_most_nine_names_stand_at_the_root() -> None:
