@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -36,6 +36,7 @@ from holoview.light.model.effects.hook_contexts import CameraContext
 from holoview.light.model.effects.registry import ActiveEffects, EffectTable, EffectValues, unmet_by_data
 from holoview.light.model.fields import Integer, Maybe, described_field
 from holoview.light.model.plan import Plan, make_plan
+from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
 from holoview.light.numerics.sampling import AREA
 from holoview.light.optics.torch_effects import TorchEffects
@@ -44,9 +45,10 @@ from holoview.util.memory_limit import require_memory
 from holoview.util.units import format_rounded
 
 Tensor = torch.Tensor
+T = TypeVar("T")
 _MB = 1 << 20
 _SAMPLE_BYTES = 48  # of a padded sample in complex64; 20 to 40 were measured
-_MAX_PLANS = 256  # a few for each wavelength and plane
+_MAX_PLANS = 256  # and nominal benches: a few for each wavelength and plane
 _IMAGE_CACHE_MB = 128
 """[MB] At least, of finished intensities, which many intermediate fields would push out of a shared cache; of large
 pictures as much as all of them take, within `_CACHE_MB`."""
@@ -145,6 +147,16 @@ def cache_bytes(captures: Captures) -> int:
     return (_CACHE_MB + _DRIVE_CACHE_MB) * _MB + _image_cache_bytes(captures, _CACHE_MB)
 
 
+def _kept(values: dict[object, T], key: object, make: Callable[[], T]) -> T:
+    """The value of a key, made where there is none yet; of more than `_MAX_PLANS` the oldest is dropped."""
+    if key not in values:
+        value = make()
+        if len(values) >= _MAX_PLANS:
+            values.pop(next(iter(values)))
+        values[key] = value
+    return values[key]
+
+
 def _image_cache_bytes(captures: Captures, cache_mb: int) -> int:
     pictures = len(captures) * math.prod(captures.shape) * torch.float32.itemsize
     return min(cache_mb * _MB, max(_IMAGE_CACHE_MB * _MB, pictures))
@@ -197,6 +209,7 @@ class Predictor:
         self._cache, self._image_cache = (
             TensorCache(most) for most in (cache_mb * _MB, _image_cache_bytes(captures, cache_mb))
         )
+        self._nominal: dict[object, System] = {}
         self._plans: dict[object, Plan] = {}
         self._drives = TensorCache(_DRIVE_CACHE_MB * _MB)
 
@@ -276,15 +289,17 @@ class Predictor:
 
     def _plan(self, k: int, active: TorchEffects) -> Plan:
         wavelength, distance = float(self.captures.wavelength_m[k]), self._distance(k, active)
-        key = (wavelength, distance, active.cache_key("actual_system"))
-        if key not in self._plans:
-            nominal = self.captures.nominal_system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
-            nominal = nominal.edit(self._sampling)
-            if len(self._plans) >= _MAX_PLANS:
-                self._plans.pop(next(iter(self._plans)))
-            plan = make_plan(active.actual_system(nominal), has_weighted_stops=self._has_weighted_stops)
-            self._plans[key] = plan if self.captures.is_fourier else check_plan(plan)
-        return self._plans[key]
+
+        def nominal() -> System:
+            planes_m = [distance + (self.captures.focal_length_m or 0.0)]
+            return self.captures.nominal_system([wavelength], planes_m).edit(self._sampling)
+
+        def make() -> Plan:
+            system = active.actual_system(_kept(self._nominal, (wavelength, distance), nominal))
+            plan = make_plan(system, has_weighted_stops=self._has_weighted_stops)
+            return plan if self.captures.is_fourier else check_plan(plan)
+
+        return _kept(self._plans, (wavelength, distance, active.cache_key("actual_system")), make)
 
     def _distance(self, k: int, active: TorchEffects) -> float:
         """Of the camera, m. Raises UserError for one before the last modulator."""

@@ -115,10 +115,9 @@ def effect_or_twin(name: str) -> Effect:
 
     Raises UserError as `get_effect` does.
     """
-    known = _all_effects()
-    twins = {effect.element_id: effect for effect in reversed(list(known.values())) if effect.element_id}
-    check_keys([name], {**known, **twins}, "effects.", noun="effect")
-    return twins.get(name) or known[name]
+    known = _by_name(tuple(_user_effects.values()))
+    check_keys([name], known, "effects.", noun="effect")
+    return known[name]
 
 
 @lru_cache(maxsize=512)
@@ -191,7 +190,21 @@ def is_user_effect(effect: Effect) -> bool:
 
 
 def _all_effects() -> Mapping[str, Effect]:
-    return dict(sorted({**_library(), **_user_effects}.items()))
+    return _sorted(tuple(_user_effects.values()))
+
+
+@lru_cache(maxsize=1)
+def _sorted(users: tuple[Effect, ...]) -> Mapping[str, Effect]:
+    """The effects of the library and of users by their ids, sorted."""
+    return MappingProxyType(dict(sorted({**_library(), **{effect.id: effect for effect in users}}.items())))
+
+
+@lru_cache(maxsize=1)
+def _by_name(users: tuple[Effect, ...]) -> Mapping[str, Effect]:
+    """The same, and the first of those that have one id where they act on an element, by that id."""
+    known = _sorted(users)
+    twins = {effect.element_id: effect for effect in reversed(list(known.values())) if effect.element_id}
+    return MappingProxyType({**known, **twins})
 
 
 @cache
@@ -332,13 +345,17 @@ class ActiveEffects:
         pairs = [(extra_by_id.get(name) or get_effect(name), given) for name, given in table.items()]
         active = [(effect, v) for effect, given in pairs if not (v := effect.parameter_values(given)).is_identity]
         self.pairs: tuple[ActivePair, ...] = tuple(sorted(active, key=lambda pair: (pair[0].order, pair[0].id)))
+        self._pairs_with: dict[tuple[str, ...], tuple[ActivePair, ...]] = {}
         for effect, v in self.pairs:
             if contradiction := effect.contradiction(v):
                 raise UserError(f"effects.{effect.id}", contradiction)
 
-    def with_hooks(self, *hooks: str) -> list[ActivePair]:
+    def with_hooks(self, *hooks: str) -> tuple[ActivePair, ...]:
         """The pairs whose effect overrides one of the hooks."""
-        return [(effect, v) for effect, v in self.pairs if any(effect.overrides(hook) for hook in hooks)]
+        if hooks not in self._pairs_with:
+            pairs = [pair for pair in self.pairs if any(pair[0].overrides(hook) for hook in hooks)]
+            self._pairs_with[hooks] = tuple(pairs)
+        return self._pairs_with[hooks]
 
     def on_modulator(self, number: int, *hooks: str) -> list[ActivePair]:
         """The pairs with one of the hooks that act on modulator 0 or 1; the source acts on modulator 0."""
