@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import struct
 import zlib
+from pathlib import Path
 
 import imagecodecs
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
-from holoview.holograms.files.image_reader import decode_deep_png
+from holoview.holograms.files.image_reader import decode_deep_png, picture_count
 
 ADAM7 = ((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2), (0, 1, 2, 2), (1, 0, 2, 1))
 """First row and column, and the steps between rows and columns, of the passes of an interlaced file (PNG, 8.2)."""
@@ -65,3 +67,12 @@ def test_a_file_that_breaks_off_is_an_error(channels: int) -> None:
     data = interlaced_png(noise(channels))
     with pytest.raises((OSError, ValueError, SyntaxError)):
         decode_deep_png(data[: len(data) // 2])
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg"])
+def test_no_process_counts_the_pictures_of_a_format_that_holds_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    Image.fromarray(np.zeros((4, 6, 3), np.uint8)).save(tmp_path / name)
+    monkeypatch.delattr("os.fork", raising=False)
+    assert picture_count(tmp_path / name) == 1

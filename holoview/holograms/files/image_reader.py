@@ -102,14 +102,12 @@ def picture_count(path: Path) -> int:
     Raises UserError as `read_raster` does, as far as the headers show.
     """
     kind = _supported_format(path)
-    return call_in_child(str(path), path, partial(_count, path, kind))
+    return call_in_child(str(path), path, partial(_count, path, kind)) if kind in _COUNTS else 1
 
 
 def _count(path: Path, kind: str) -> int:
-    counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count}
-    counts |= dict.fromkeys(("NPZ", "NPY of light"), light_count)
     with _naming_file(path, kind):
-        return counts[kind](path) if kind in counts else 1
+        return _COUNTS[kind](path)
 
 
 def read_raster(path: Path, white: int | None = None) -> Raster:
@@ -1001,3 +999,10 @@ _READERS: dict[str, Callable[[Path, int | None], Iterable[Raster]]] = {
     "NPY of light": lambda path, white: light_pictures(path),
     "HDR": lambda path, white: [_read_hdr(path)],
 }
+
+_COUNTS: dict[str, Callable[[Path], int]] = {
+    "TIFF": tiff_count,
+    "OpenEXR": exr_count,
+    **dict.fromkeys(("NPZ", "NPY of light"), light_count),
+}
+"""What counts the pictures of formats that may hold several."""
