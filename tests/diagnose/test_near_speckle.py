@@ -13,6 +13,7 @@ from benchmarks.plain_light import Beam
 from benchmarks.real_benches import Drawn, draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import beam_of_brightness
 from holoview.bench.diagnose.search_context import SearchEnded
@@ -57,6 +58,31 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
     assert light is not None and light.before < 0.6 and light.after > 0.95
     assert HALF_PX / light.values["beam"]["size"] == pytest.approx(RADIUS_PX, rel=0.2)
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
+
+
+def test_pictures_in_several_planes_have_one_light(tmp_path: Path) -> None:
+    """It is sought in the plane of the brightest picture, and stands in the others too."""
+    drawn = _nominal("near", 1, (96, 128))
+    beam, stroke_m = Beam(40.0, 2.0, (5.0, -8.0)), drawn.bench.stroke_m * STROKE
+    both = []
+    for place_m in (2e-3, 3e-3):
+        spoilt = replace(drawn.bench, beam=beam, stroke_m=stroke_m, distance_m=place_m)
+        (tmp_path / f"{place_m}").mkdir()
+        there = replace(drawn, bench=spoilt, stated=drawn.stated | {"distance": place_m})
+        both.append(_captures(there, tmp_path / f"{place_m}"))
+    joined = {
+        name: np.concatenate([getattr(one, name) for one in both])
+        for name in ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
+    }
+    captures = replace(both[0], **joined)
+    window = window_for_light(captures, list(listed_effects()))
+    assert window is not None
+    light = light_by_speckle(window, no_progress)
+    assert light is not None and light.after > 0.95
+    assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
+    predicted = Predictor(captures)(np.arange(len(captures)), light.values).signal.numpy()
+    for seen, expected in zip(captures.images, predicted, strict=True):
+        assert np.corrcoef(seen.ravel(), expected.ravel())[0, 1] > 0.9
 
 
 @pytest.mark.parametrize("gap_factor", explored([0.9, 1.0, 1.15], 1))

@@ -42,8 +42,7 @@ def window_for_light(captures: Captures, effects: Collection[str]) -> Captures |
     effects: ids of the candidates. None where there are many pictures or the nominal bench is near: then a search by
     derivatives does better, or has to say so.
     """
-    is_alike = len(np.unique(captures.distance_m)) == 1
-    is_alike = is_alike and not (captures.is_fourier and len(captures.wavelengths_m) > 1)
+    is_alike = not captures.is_fourier or len(np.unique(captures.distance_m)) == len(captures.wavelengths_m) == 1
     is_small = captures.is_fourier or captures.levels[0].size <= _MOST_NEAR_PX
     if not (is_alike and is_small and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
         return None
@@ -68,10 +67,11 @@ def light_by_speckle(window: Captures, progress: ProgressCallback) -> FoundLight
 
 
 def _brightest(captures: Captures) -> Captures:
-    """As many pictures as can be predicted together in a search, the brightest ones."""
+    """As many pictures as can be predicted together in a search, the brightest ones, in the plane of the brightest."""
     count = max(1, _MOST_PART_PX // captures.levels[0].size)
-    brightest = np.argsort(-captures.images.mean(axis=(1, 2), dtype=np.float64), kind="stable")[:count]
-    return captures if len(captures) <= count else captures.subset(np.sort(brightest))
+    brightest = np.argsort(-captures.images.mean(axis=(1, 2), dtype=np.float64), kind="stable")
+    in_plane = brightest[captures.distance_m[brightest] == captures.distance_m[brightest[0]]][:count]
+    return captures if len(captures) == len(in_plane) else captures.subset(np.sort(in_plane))
 
 
 def describe_light(light: FoundLight) -> str:
