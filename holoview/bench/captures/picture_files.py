@@ -15,12 +15,8 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.holograms.files.image_reader import (
-    check_page_list,
-    naming_missing_codecs,
-    require_page_memory,
-    require_picture_memory,
-)
+from holoview.holograms.files.raster import require_picture_memory
+from holoview.holograms.files.tiff_picture import check_page_list, naming_missing_codecs, require_page_memory
 from holoview.util.errors import UserError
 from holoview.util.files import read_text, require_file
 from holoview.util.reader_process import call_in_child

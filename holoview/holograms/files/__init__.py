@@ -2,7 +2,8 @@
 
 readers           readers of holograms' files, one module for each format; other packages can add their own
 request           what a user knows of a file and wants from it
-image_reader      decodes PNG, JPEG, TIFF and OpenEXR pictures, recognised by their first bytes
+image_reader      decodes pictures, recognised by their first bytes: TIFF by `tiff_picture`, OpenEXR by `exr_picture`
+raster            decoded samples of a picture: range, alpha, limits of memory
 light_file        light that holoview wrote as numbers, with `light_arrays`; `light_writer` writes it
 colour_profile    what an embedded profile says of a picture's colours
 pictures          PNG of views and patterns, animations (APNG, GIF, MP4), memory cells of a phase light modulator

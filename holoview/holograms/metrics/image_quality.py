@@ -23,8 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.holograms.files.image_reader import Raster, read_raster
+from holoview.holograms.files.image_reader import read_raster
 from holoview.holograms.files.light_file import PlaneLight, is_light_file, read_light
+from holoview.holograms.files.raster import Raster
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import Psnr, delta_e_linear_srgb, psnr_linear_srgb, psnr_luminance
 from holoview.holograms.metrics.likeness import luminance_contrast, resolved_contrast

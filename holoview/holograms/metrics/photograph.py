@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammainc, gammaincc, gammaln
 
-from holoview.holograms.files.image_reader import Raster, file_format, read_raster
+from holoview.holograms.files.image_reader import file_format, read_raster
+from holoview.holograms.files.raster import Raster
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, grains_of
 from holoview.holograms.metrics.speckle import Floats, SpecklePattern
 from holoview.holograms.metrics.speckle_measurement import LaserImages, images_of_lasers

@@ -31,13 +31,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.files.image_reader import (
-    ANIMATED,
-    animation_count,
-    file_format,
-    natural_sort_key,
-    picture_count,
-)
+from holoview.holograms.files.image_reader import ANIMATED, animation_count, file_format, picture_count
+from holoview.holograms.files.raster import natural_sort_key
 from holoview.holograms.targets.defocus import LayerBlur, LightCone, checked_depth, layer_count, split_layers
 from holoview.holograms.targets.picture import (
     Picture,

@@ -19,14 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.holograms.files.colour_profile import ColourProfile, matrix_of_primaries
-from holoview.holograms.files.image_reader import (
-    Chromaticities,
-    Raster,
-    file_format,
-    read_animation,
-    read_raster,
-    read_rasters,
-)
+from holoview.holograms.files.image_reader import file_format, read_animation, read_raster, read_rasters
+from holoview.holograms.files.raster import Chromaticities, Raster
 from holoview.holograms.targets.framing import FILL, Framing
 from holoview.light.colour import COLOUR_SPACES as SCREEN_SPACES
 from holoview.light.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights, srgb_decode, xyz_to_linear_srgb

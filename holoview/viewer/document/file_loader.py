@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from holoview.holograms.fields.reading import ReadRequest
-from holoview.holograms.files.image_reader import animation_count, file_format, require_picture_memory
+from holoview.holograms.files.image_reader import animation_count, file_format
 from holoview.holograms.files.pictures import read_pattern
 from holoview.holograms.files.pupil_path_file import is_pupil_path, load_pupil_path
+from holoview.holograms.files.raster import require_picture_memory
 from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.files.request import MOST_UNASKED
 from holoview.holograms.hologram import load_hologram

@@ -17,9 +17,9 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from holoview.holograms.files.image_reader import check_page_list, naming_missing_codecs, require_page_memory
 from holoview.holograms.files.readers.contents import Contents, Facts, StoredArray, Window
 from holoview.holograms.files.request import ReadRequest
+from holoview.holograms.files.tiff_picture import check_page_list, naming_missing_codecs, require_page_memory
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 
