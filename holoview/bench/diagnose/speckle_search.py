@@ -472,14 +472,15 @@ class _Leader:
 def _sought(
     part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None], rng: np.random.Generator
 ) -> tuple[_Leader, bool]:
-    """The best light of a window, from retrieved ones, simple beams and kicks; and whether the search was ended."""
+    """The best light of a window, and whether the search was ended: from retrieved light, of near fields from the place
+    of the second modulator too (first where brightness tells the beam), from simple beams, and after kicks."""
     ways = [_from_retrieved] if part.captures.is_fourier else [_from_retrieved, _from_places]
-    if shape:
-        ways.reverse()
-    best = ways[0](part, shape, progress)
+    first, *others = reversed(ways) if shape else ways
+    best = first(part, shape, progress)
     try:
-        if best.score <= _CLEAR and len(ways) > 1:
-            best = max(best, ways[1](part, shape, progress), key=lambda one: one.score)
+        for other in others:
+            if best.score <= _CLEAR:
+                best = max(best, other(part, shape, progress), key=lambda one: one.score)
         if best.score <= _CLEAR:
             progress(_SCANS + _LEADERS)
             best = max(best, _from_simple_beams(part, shape), key=lambda one: one.score)
