@@ -14,15 +14,14 @@ from imgui_bundle import imgui
 from PIL import Image
 
 import holoview as hv
-from holoview.holograms.optimise.eyes import target_at_places
 from holoview.light.model.system import System
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.optimise import OptimisePanel
-from holoview.viewer.document import optimisation_job
 from holoview.viewer.document.file_loader import target_from_pixels
 from holoview.viewer.document.focus_edits import toggle_eye
 from holoview.viewer.document.optimisation_job import (
+    OptimisationJob,
     chosen_optimisation,
     last_optimisation,
     running_optimisation,
@@ -102,7 +101,7 @@ def test_from_the_first_second_one_sees_the_target_and_what_is_prepared(
     gui.context.show_panel("Files")
     gui.draw_frames(3)
     goes_on = Event()
-    monkeypatch.setattr(optimisation_job, "target_at_places", _held(goes_on, target_at_places))
+    monkeypatch.setattr(OptimisationJob, "_seen_target", _held(goes_on, OptimisationJob._seen_target))
     _choose(gui, iterations=4)
     gui.press_chord("Ctrl+Enter")
     job = running_optimisation(gui.session)
