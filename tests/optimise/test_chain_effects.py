@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 import holoview as hv
 from holoview.holograms.optimise.chain_loop import ChainProblem
 from holoview.holograms.optimise.lasers import changes_lasers
 from holoview.light.model.system import System
 from tests.effects.test_on_element import ELEMENTS, NO_DISTANCE, UNKNOWN, effect_cases, with_effect
+from tests.optimise.chain_slopes import free_drives, slope_along
 
 UM, MM, NM = 1e-6, 1e-3, 1e-9
 
@@ -73,13 +73,8 @@ def test_a_chain_is_optimised_for_its_effects(chain: str, name: str, element: st
             next(iter(hv.iterate(system, stack, hv.Settings(iterations=1))))
         return
     problem = ChainProblem(system, stack, hv.Settings(eyebox=0.01), double=True)
-    patterns, drives, ways = _patterns(system, rng), dict[str, torch.Tensor](), dict[str, torch.Tensor]()
-    for key, drive in patterns.items():
-        is_complex = np.iscomplexobj(drive)
-        drives[key] = torch.from_numpy(drive.astype(complex if is_complex else float)).requires_grad_()
-        way = rng.normal(size=drive.shape)
-        ways[key] = torch.from_numpy(way + 1j * rng.normal(size=drive.shape) if is_complex else way)
-
+    patterns = _patterns(system, rng)
+    drives, ways = free_drives(patterns, rng)
     found, seen = (
         problem.evaluate(drives, system.amplitudes),
         hv.simulate(system, patterns, backend="torch64").intensity,
@@ -89,14 +84,7 @@ def test_a_chain_is_optimised_for_its_effects(chain: str, name: str, element: st
         own[:, laser] += system.amplitudes[frame, laser] * intensity
     np.testing.assert_allclose(own, seen, atol=1e-12 * seen.max())  # sums of 1e4 numbers in float64
 
-    def loss(step: float) -> torch.Tensor:
-        moved = {key: drive + step * ways[key] for key, drive in drives.items()}
-        return problem.loss(problem.evaluate(moved, system.amplitudes), system.amplitudes)[0]
-
-    gradients = torch.autograd.grad(loss(0.0), list(drives.values()))
-    along = sum(
-        float((gradient.conj() * ways[key]).real.sum()) for key, gradient in zip(drives, gradients, strict=True)
-    )
+    along, loss = slope_along(problem, system, drives, ways)
     h = 1e-6  # the loss, about 0.1, is true to 1e-15; phases change by 1e-5, the error is the square of this
     measured = float((loss(h) - loss(-h)).detach()) / (2 * h)
     assert along == pytest.approx(measured, rel=1e-6, abs=1e-9)

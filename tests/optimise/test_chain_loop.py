@@ -20,6 +20,7 @@ from holoview.holograms.optimise.solve import follow
 from holoview.holograms.view import random_drive
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
+from tests.optimise.chain_slopes import free_drives, slope_along
 
 UM, MM, NM = 1e-6, 1e-3, 1e-9
 SHAPE = (16, 20)
@@ -78,22 +79,12 @@ _SMOOTH = [name for name, space in LOSS_SPACES.items() if not space.is_encoded]
 def test_the_derivative_is_that_of_the_loss(name: str, loss_name: str | None) -> None:
     system = _chain(*_CHAINS[name], frames=2)
     problem = ChainProblem(system, _STACK, hv.Settings(eyebox=0.01, loss=loss_name), double=True)
-    random = np.random.default_rng(1)
-    drives, ways = dict[str, torch.Tensor](), dict[str, torch.Tensor]()
-    for key, drive in random_drive(system, seed=2).items():
-        is_complex = np.iscomplexobj(drive)
-        drives[key] = torch.from_numpy(0.8 * drive.astype(complex if is_complex else float)).requires_grad_()
-        way = random.normal(size=drive.shape)
-        ways[key] = torch.from_numpy(way + 1j * random.normal(size=drive.shape) if is_complex else way)
-
-    def loss(step: float) -> torch.Tensor:
-        moved = {key: drive + step * ways[key] for key, drive in drives.items()}
-        return problem.loss(problem.evaluate(moved, system.amplitudes), system.amplitudes)[0]
-
-    gradients = torch.autograd.grad(loss(0.0), list(drives.values()))
-    along = sum(
-        float((gradient.conj() * ways[key]).real.sum()) for key, gradient in zip(drives, gradients, strict=True)
-    )
+    patterns = {
+        key: 0.8 * drive.astype(complex if np.iscomplexobj(drive) else float)
+        for key, drive in random_drive(system, seed=2).items()
+    }
+    drives, ways = free_drives(patterns, np.random.default_rng(1))
+    along, loss = slope_along(problem, system, drives, ways)
     h = 1e-4  # of order four: its error is that of h⁴ times the fifth derivative, its rounding 1e-16/h
     measured = (8 * (loss(h) - loss(-h)) - (loss(2 * h) - loss(-2 * h))).detach() / (12 * h)
     assert along == pytest.approx(float(measured), rel=1e-7)

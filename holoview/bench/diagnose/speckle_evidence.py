@@ -21,9 +21,8 @@ _MOST_NEAR_PX = 250_000
 FAR_CHI2 = 4.0
 """[χ²/n] Predictions that leave less are near enough for derivatives, whatever noise does to the grains. Evidence: none
 recorded."""
-_MOST_PART_PX = (
-    350_000  # of both modulators in all pictures, of a near field in which light is sought. Evidence: the cost.
-)
+_MOST_PART_PX = 350_000
+"""[pixels] Of all modulators in all pictures, of a near field in which light is sought. Evidence: the cost."""
 _STANDING = 0.85
 """[1] Correlation of held-out speckle above which the nominal bench needs no such search. Evidence: none recorded."""
 _GAIN = 0.1  # [1] Of that correlation, below which nothing was found. Evidence: ten times what chance gives.
