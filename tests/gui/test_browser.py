@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from holoview.light.gpu.device import Device
 from holoview.viewer.document.session_store import SessionStore
 from tests.chromium import Browser, needs_chromium, pixels, started_browser
 from tests.gui.conftest import leave_crashed_session
-from tests.gui.served import serving
+from tests.gui.served import Served, serving
 from tests.patience import PATIENCE_S, wait_until
 
 pytestmark = [pytest.mark.gpu, needs_chromium]
@@ -41,6 +42,14 @@ def browser(chromium: Browser) -> Iterator[Browser]:
     assert chromium.close_pages() == []
 
 
+@contextmanager
+def serving_to(browser: Browser, folder: Path, *options: str) -> Iterator[Served]:
+    """A viewer whose pages are closed before it is: one that outlives it asks in vain for a connection, and says so."""
+    with serving(folder, *options) as served:
+        yield served
+        assert browser.close_pages() == []
+
+
 def wait_for_sizes(page: Any, width: int, height: int, ratio: float = 1.0) -> None:
     """Until the canvas fills the page and its image has a pixel for each of the screen's."""
     expected = pytest.approx([0, 0, width, height, width * ratio, height * ratio], abs=1)
@@ -49,14 +58,14 @@ def wait_for_sizes(page: Any, width: int, height: int, ratio: float = 1.0) -> No
 
 @pytest.mark.explores
 def test_without_the_token_there_is_no_page(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path) as served:
+    with serving_to(browser, tmp_path) as served:
         page = browser.open(f"http://{served.address}/?token=wrong", 400, 300)
         assert "needs the token" in page.content() and page.query_selector("#canvas") is None
         assert [problem for problem in browser.close_pages() if "403" not in problem] == []
 
 
 def test_the_image_fills_the_page_and_follows_its_size(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new") as served:
+    with serving_to(browser, tmp_path, "--new") as served:
         page = browser.open(served.url, 1000, 640)
         wait_for_sizes(page, 1000, 640)
         page.set_viewport_size({"width": 720, "height": 500})
@@ -66,7 +75,7 @@ def test_the_image_fills_the_page_and_follows_its_size(device: Device, tmp_path:
 @pytest.mark.explores
 def test_a_fine_screen_gets_all_its_pixels(device: Device, tmp_path: Path, browser: Browser) -> None:
     options = ("--force-device-scale-factor=1.5", "--window-size=900,600")
-    with serving(tmp_path, "--new") as served, browser.another(*options) as fine:
+    with serving_to(browser, tmp_path, "--new") as served, browser.another(*options) as fine:
         page = fine.open(served.url)
         width, height = page.evaluate("[window.innerWidth, window.innerHeight]")
         wait_for_sizes(page, width, height, 1.5)
@@ -74,7 +83,7 @@ def test_a_fine_screen_gets_all_its_pixels(device: Device, tmp_path: Path, brows
 
 @pytest.mark.explores
 def test_a_dropped_connection_is_told_and_opened_again(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new") as served:
+    with serving_to(browser, tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
         wait_for_sizes(page, 800, 500)
         page.evaluate("window.websocket.close(4000)")
@@ -86,7 +95,7 @@ def test_a_dropped_connection_is_told_and_opened_again(device: Device, tmp_path:
 
 @pytest.mark.explores
 def test_the_page_that_is_used_last_decides(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new") as served:
+    with serving_to(browser, tmp_path, "--new") as served:
         first = browser.open(served.url, 800, 500)
         wait_for_sizes(first, 800, 500)
         second = browser.open(served.url, 700, 440)
@@ -105,7 +114,7 @@ def test_the_page_that_is_used_last_decides(device: Device, tmp_path: Path, brow
 
 @pytest.mark.explores
 def test_a_page_that_is_closed_leaves_the_viewer_as_it_is(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new") as served:
+    with serving_to(browser, tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
         wait_for_sizes(page, 800, 500)
         page.keyboard.press("e")
@@ -119,7 +128,7 @@ def test_a_page_that_is_closed_leaves_the_viewer_as_it_is(device: Device, tmp_pa
 
 @pytest.mark.explores
 def test_a_viewer_that_is_closed_says_so_on_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new") as served:
+    with serving_to(browser, tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
         wait_for_sizes(page, 800, 500)
         page.keyboard.press("Control+q")
@@ -129,7 +138,7 @@ def test_a_viewer_that_is_closed_says_so_on_the_page(device: Device, tmp_path: P
 
 @pytest.mark.explores
 def test_a_viewer_that_died_is_missed(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new") as served:
+    with serving_to(browser, tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
         wait_for_sizes(page, 800, 500)
         served.process.send_signal(signal.SIGKILL)
@@ -140,7 +149,7 @@ def test_a_viewer_that_died_is_missed(device: Device, tmp_path: Path, browser: B
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
 def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new") as served:
+    with serving_to(browser, tmp_path, "--new") as served:
         page = browser.open(served.url, 800, 500)
         wait_for_sizes(page, 800, 500)
         page.keyboard.press("e")
@@ -161,7 +170,7 @@ def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: P
 @pytest.mark.explores
 def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
     leave_crashed_session(SessionStore(tmp_path / "holoview"))
-    with serving(tmp_path) as served:
+    with serving_to(browser, tmp_path) as served:
         page = browser.open(served.url, 900, 600)
         wait_for_sizes(page, 900, 600)
 
@@ -182,7 +191,7 @@ def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Pat
 def test_a_page_too_many_says_so_and_gets_the_place_that_becomes_free(
     device: Device, tmp_path: Path, browser: Browser
 ) -> None:
-    with serving(tmp_path, "--new", "--clients", "1") as served:
+    with serving_to(browser, tmp_path, "--new", "--clients", "1") as served:
         first = browser.open(served.url, 800, 500)
         wait_for_sizes(first, 800, 500)
         second = browser.open(served.url, 640, 400)
@@ -193,7 +202,7 @@ def test_a_page_too_many_says_so_and_gets_the_place_that_becomes_free(
 
 @pytest.mark.explores
 def test_a_page_that_nobody_uses_goes_on_at_a_click(device: Device, tmp_path: Path, browser: Browser) -> None:
-    with serving(tmp_path, "--new", "--idle", "0.05") as served:
+    with serving_to(browser, tmp_path, "--new", "--idle", "0.05") as served:
         page = browser.open(served.url, 640, 400)
         wait_for_sizes(page, 640, 400)
         page.get_by_text("This page was disconnected: not used for 0.05 minutes").wait_for()
