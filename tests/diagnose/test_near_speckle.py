@@ -16,9 +16,11 @@ from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import beam_of_brightness
+from holoview.bench.diagnose import speckle_evidence
+from holoview.bench.diagnose.config import RegionConfig
 from holoview.bench.diagnose.search_context import SearchEnded
-from holoview.bench.diagnose.speckle_evidence import describe_light, light_by_speckle, window_for_light
-from holoview.bench.diagnose.speckle_search import NOMINAL, SpeckleSearch
+from holoview.bench.diagnose.speckle_evidence import describe_light, light_by_speckle, shows_a_beam, window_for_light
+from holoview.bench.diagnose.speckle_search import NOMINAL, NearBeam, Pictures
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import ProgressCallback, no_progress
 from tests.explored import explored
@@ -58,6 +60,30 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
     assert light is not None and light.before < 0.6 and light.after > 0.95
     assert HALF_PX / light.values["beam"]["size"] == pytest.approx(RADIUS_PX, rel=0.2)
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
+
+
+def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in whole pictures; a wavefront over the whole beam is one in all of its parts."""
+    monkeypatch.setattr(speckle_evidence, "_MOST_NEAR_PX", 96 * 128 - 1)
+    drawn = _nominal("near", 1, (192, 256))
+    radius_px = 70.0
+    spoilt = replace(
+        drawn.bench,
+        beam=Beam(radius_px, 2.0, (20.0, -30.0)),
+        wave=WAVE,
+        wave_radius_px=radius_px,
+        stroke_m=drawn.bench.stroke_m * STROKE,
+    )
+    captures = _captures(replace(drawn, bench=spoilt), tmp_path)
+    window = window_for_light(captures, list(listed_effects()))
+    assert window is not None
+    light = light_by_speckle(window, no_progress, RegionConfig(side_px=40, further_px=8))
+    assert light is not None and light.is_of_parts and "five parts" in describe_light(light)
+    assert light.before < 0.8 and light.after > 0.95
+    assert 128 / light.values["beam"]["size"] == pytest.approx(radius_px, rel=0.05)
+    assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.05)
 
 
 def test_pictures_in_several_planes_have_one_light(tmp_path: Path) -> None:
@@ -144,9 +170,10 @@ def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) 
     beam = Beam(radius_px, 2.0, centre_px)
     stroke_m = drawn.bench.stroke_m * STROKE
     spoilt = replace(drawn.bench, beam=beam, wave=WAVE, wave_radius_px=radius_px, stroke_m=stroke_m)
-    search = SpeckleSearch(prepare_captures(_captures(replace(drawn, bench=spoilt), tmp_path)))
-    shape, explained = search.shape_of_brightness(NOMINAL)
-    assert explained > 0.5 and search.shows_a_beam()
+    captures = _captures(replace(drawn, bench=spoilt), tmp_path)
+    beam_found = NearBeam.beside(NOMINAL, Pictures(prepare_captures(captures)))
+    assert beam_found.explained > 0.5 and shows_a_beam(captures)
+    shape = beam_found.shape
     found_px = np.array([math.exp(-shape["log_size"]), shape["centre_y"], shape["centre_x"]]) * 64
     np.testing.assert_allclose(found_px, [radius_px, *centre_px], atol=0.15 * radius_px)
 
@@ -157,7 +184,7 @@ def test_even_light_has_no_beam(kind: str, tmp_path: Path) -> None:
     drawn = _nominal(kind, 1, (96, 128))
     bench = replace(drawn.bench, wave=WAVE, wave_radius_px=64.0, stroke_m=drawn.bench.stroke_m * STROKE)
     captures = _captures(replace(drawn, bench=bench), tmp_path)
-    assert not SpeckleSearch(prepare_captures(captures)).shows_a_beam()
+    assert not shows_a_beam(captures)
 
 
 def test_a_beam_is_found_exactly_where_brightness_shows_nothing_else() -> None:

@@ -13,10 +13,15 @@ from holoview.bench.captures import Captures
 from holoview.bench.captures.predictor import PLAIN, Predictor
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose.config import RegionConfig, SearchConfig
-from holoview.bench.diagnose.crop import middle_of_context, through_windows, without_light_from_beyond
+from holoview.bench.diagnose.crop import (
+    middle_captures,
+    middle_of_context,
+    through_windows,
+    without_light_from_beyond,
+)
 from holoview.bench.diagnose.fit import CandidateFit
 from holoview.bench.diagnose.judge import Verdict
-from holoview.bench.diagnose.parts import parts_of_context
+from holoview.bench.diagnose.parts import cut_parts, parts_of_context
 from holoview.bench.diagnose.pipeline import diagnose, prepare_search
 from holoview.bench.diagnose.search import InitialCandidates, refine_candidates
 from holoview.bench.diagnose.search_context import SearchContext
@@ -46,7 +51,7 @@ def _session() -> Captures:
 def _parts(whole: SearchContext) -> SearchContext:
     middle = middle_of_context(whole)
     assert middle is not None
-    parts = parts_of_context(whole, middle, {})
+    parts = parts_of_context(whole, middle.data.captures, {})
     assert parts is not None and len(parts.windows) == 5
     return parts
 
@@ -75,6 +80,26 @@ def test_effects_of_a_place_act_in_parts_as_there_in_the_whole(effect: str, valu
         squares = np.square(cut - seen).reshape(5, rows, -1).mean((1, 2))
         errors.append(np.sqrt(squares) / seen.mean())
     assert (errors[1] < 2 * errors[0].max()).all()
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (0.2, -0.3), (-0.9, 0.9)])
+@pytest.mark.parametrize("radius", [0.05, 0.3, 5.0])
+def test_parts_lie_beneath_a_beam_side_by_side_within_the_pictures(radius: float, centre: tuple[float, float]) -> None:
+    """However small it is and wherever: as near to its middle as five parts that share no pixel can be."""
+    whole = _large()
+    like = middle_captures(whole.data.captures, CONFIG.region)
+    beam = {"size": 1 / radius, "centre_y": centre[0], "centre_x": centre[1]}
+    parts = cut_parts(whole.data, like, beam)
+    assert parts is not None
+    seen = np.zeros(whole.data.captures.shape, dtype=int)
+    for window, part in zip(parts.windows, parts.captures, strict=True):
+        assert seen[window].shape == like.shape == part.shape
+        seen[window] += 1
+        np.testing.assert_array_equal(whole.data.captures.images[:, *window], part.images)
+    assert seen.max() == 1
+    if radius == 0.3 and abs(centre[1]) < 0.9:  # where there is room on either side
+        pitch_m = whole.data.captures.slms[0].pitch_m
+        assert parts.captures[0].centre_m[1] == pytest.approx(centre[1] * 65 * pitch_m, abs=pitch_m)
 
 
 def test_a_cause_that_grows_outwards_is_found_in_parts() -> None:

@@ -97,7 +97,7 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
     )
 
 
-def compact_prediction(cut: Captures) -> dict[str, object]:
+def compact_prediction(cut: Captures) -> dict[str, Any]:
     """The keywords of a predictor of a part of near-field captures.
 
     What is seen has a margin as wide as light walks off, and needs no wider padding. The edges of stops cut at other

@@ -3,14 +3,15 @@
 The middle hardly shows effects that grow towards the edges, such as a beam that falls off, and a whole field takes
 thirty times as long as five parts. Each part has as much of the modulators around it as the middle that causes are
 searched in. A picture of parts has them one below the other, and one gain, so that light that is lost at the corners
-isn't lost in their gains. Whole pictures judge what was fitted to parts.
+isn't lost in their gains. Whole pictures judge what was fitted to parts. Beneath a beam that lights less than the
+modulators, the middle and the corners are those of its light.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -36,11 +37,13 @@ from holoview.bench.diagnose.search_context import (
 from holoview.light.model.effects.effect import FileParameter
 from holoview.light.model.effects.registry import get_effect
 
-_CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
 _CACHE_MB = 64  # of each part's predictor
 _TIME_SHARE = 0.85
 """[1] Of the time of a search, after which parts are given up with their best result. Evidence: a reason: whole
 pictures have to judge it."""
+_LIT_RADII = 0.6
+"""[1] Of a beam's radius, from its centre to that of a corner along each axis. Evidence: derivation: corners lie
+where a Gaussian beam has a quarter of its peak."""
 _WHOLE_PX = 1e-3
 """[px] A part's centre is at a pixel of the modulators and, up to so much, of the camera. Evidence: derivation: far
 below the shifts that captures show."""
@@ -65,57 +68,92 @@ class PartsPredictor:
         return Prediction(torch.cat([one.signal for one in found], dim=1), found[0].black_level, together)
 
 
-def parts_of_context(whole: SearchContext, middle: SearchContext, known: Values) -> SearchContext | None:
-    """The context of a search in parts; None where it would save little, and on a Fourier bench.
+@dataclasses.dataclass(frozen=True)
+class Parts:
+    """Parts of pictures. captures: of each part. data: of all, one below the other, in the order of `captures`.
+    windows: rows and columns of each in the whole pictures."""
 
-    middle: whose size each part has. known: effects that the nominal model has; None is returned too where one is read
-    from a file, whose maps are of whole modulators.
+    captures: tuple[Captures, ...]
+    data: PreparedCaptures
+    windows: tuple[tuple[slice, slice], ...]
+
+
+def cut_parts(data: PreparedCaptures, like: Captures, beam: Mapping[str, float] | None = None) -> Parts | None:
+    """Five parts of near-field pictures; None where none fit.
+
+    like: whose size each part has. beam: values of the effect `beam`, whose middle and corners are taken; those of the
+    pictures where None.
     """
-    captures, config = whole.data.captures, whole.config.region
-    offsets = None if captures.is_fourier else _offsets(captures, middle.data.captures)
-    has_maps = any(isinstance(p, FileParameter) for name in known for p in get_effect(name).parameters)
-    if offsets is None or has_maps:
+    captures = data.captures
+    offsets = _offsets(captures, like, beam or {})
+    if offsets is None:
         return None
-    like = middle.data.captures
     shape = (like.levels.shape[2], like.levels.shape[3])
     cut = [cut_out(captures, shape, like.shape, offset) for offset in offsets]
-    parts, windows = [one for one, _ in cut], tuple(window for _, window in cut)
-    together = _one_below_the_other(parts)
-    if pixel_ratio(captures, together) < config.min_saving:
+    parts, windows = tuple(one for one, _ in cut), tuple(window for _, window in cut)
+    light, usable = through_windows(windows, data.light), through_windows(windows, data.usable)
+    return Parts(parts, PreparedCaptures(_one_below_the_other(parts), light, usable), windows)
+
+
+def parts_of_context(
+    whole: SearchContext,
+    like: Captures,
+    known: Values,
+    beam: Mapping[str, float] | None = None,
+    *,
+    min_saving: float | None = None,
+) -> SearchContext | None:
+    """The context of a search in parts; None where it would save little, and on a Fourier bench.
+
+    like, beam: as of `cut_parts`. known: effects that the nominal model has; None is returned too where one is read
+    from a file, whose maps are of whole modulators. min_saving: in place of `RegionConfig.min_saving`.
+    """
+    captures = whole.data.captures
+    has_maps = any(isinstance(p, FileParameter) for name in known for p in get_effect(name).parameters)
+    parts = None if captures.is_fourier or has_maps else cut_parts(whole.data, like, beam)
+    least = whole.config.region.min_saving if min_saving is None else min_saving
+    if parts is None or pixel_ratio(captures, parts.data.captures) < least:
         return None
-    light, usable = through_windows(windows, whole.data.light), through_windows(windows, whole.data.usable)
-    data = PreparedCaptures(together, light, usable)
-    creators = [partial(whole.predictor.create, **compact_prediction(part)) for part in parts]
+    creators = [partial(whole.predictor.create, **compact_prediction(part)) for part in parts.captures]
+    together = parts.data.captures
     budget = whole.config.budget.fields_for(field_samples(together))
     return dataclasses.replace(
         whole,
-        data=data,
-        system=parts[0].nominal_system(),
+        data=parts.data,
+        system=parts.captures[0].nominal_system(),
         field_budget=budget if math.isfinite(whole.field_budget) else math.inf,
         split=split_captures(together, pattern_roughness(captures), whole.left_out),
         predictor=PerThreadPredictor(partial(PartsPredictor, creators)),
-        variances=NeighbourVariances(data),
+        variances=NeighbourVariances(parts.data),
         end=whole.end.after_share(_TIME_SHARE),
         pace=Pace(),
-        windows=windows,
+        windows=parts.windows,
     )
 
 
-def _offsets(captures: Captures, cut: Captures) -> list[tuple[int, int]] | None:
+def _offsets(captures: Captures, like: Captures, beam: Mapping[str, float]) -> list[tuple[int, int]] | None:
     """How far (y, x) each part's centre is from the pictures', modulator pixels; None where no part fits.
 
-    As far out as the modulators around a part, and the usable pixels of the picture, allow.
+    As far out as the modulators around a part, the usable pixels of the picture and the beam's light allow, but not
+    over the middle part.
     """
-    scale, reach = captures.slms[0].pitch_m / captures.camera.pitch_m, list[int]()
-    for axis in (0, 1):
-        around = (captures.levels.shape[2 + axis] - cut.levels.shape[2 + axis]) // 2
-        seen = (captures.shape[axis] - cut.shape[axis]) / 2 - BORDER_PX
+    scale, places = captures.slms[0].pitch_m / captures.camera.pitch_m, list[list[int]]()
+    whole = captures.levels.shape[2:]
+    half_px, size = max(whole) / 2, beam.get("size", 0.0)
+    for axis, name in enumerate(("centre_y", "centre_x")):
+        around = (whole[axis] - like.levels.shape[2 + axis]) // 2
+        seen = (captures.shape[axis] - like.shape[axis]) / 2 - BORDER_PX
         most = math.floor(min(around, seen / scale))
-        fitting = [n for n in range(most, most // 2, -1) if abs(n * scale - round(n * scale)) < _WHOLE_PX]
-        if not fitting:
+        fitting = [n for n in range(-most, most + 1) if abs(n * scale - round(n * scale)) < _WHOLE_PX]
+        if not fitting or fitting[-1] <= most // 2:
             return None
-        reach.append(fitting[0])
-    return [(0, 0), *((y * reach[0], x * reach[1]) for y, x in _CORNERS)]
+        reach = max(_LIT_RADII * half_px / size, like.shape[axis] / scale) if size else math.inf
+        reach = min(reach, fitting[-1])
+        centre = np.clip(beam.get(name, 0.0) * half_px, reach - fitting[-1], fitting[-1] - reach)
+        wanted = np.subtract.outer([centre - reach, centre, centre + reach], fitting)
+        places.append([fitting[n] for n in np.abs(wanted).argmin(axis=1)])
+    (top, middle, bottom), (left, centre, right) = places
+    return [(middle, centre), *((y, x) for y in (top, bottom) for x in (left, right))]
 
 
 def _one_below_the_other(parts: Sequence[Captures]) -> Captures:

@@ -31,6 +31,7 @@ from holoview.bench.diagnose.crop import (
     MAX_TIME_SHARE,
     describe_middle,
     measure_missing_light,
+    middle_captures,
     middle_of_context,
     with_fitting_stops,
     within_limits,
@@ -284,7 +285,7 @@ def _search_light(
             raise SearchEnded
 
     try:
-        light = light_by_speckle(window, progress)
+        light = light_by_speckle(window, progress, request.config.region)
         if request.is_asked:
             raise SearchEnded
     except SearchEnded:
@@ -311,22 +312,32 @@ class _Preparation:
     notes: list[str]
 
 
-def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Preparation:
-    """The contexts of a search that may spend a share of the budget."""
+def _prepare(
+    records: CheckedRecords, request: _Request, pool: WorkerPool, share: float, light: FoundLight | None = None
+) -> _Preparation:
+    """The contexts of a search that may spend a share of the budget. light: found by speckle before, which is judged in
+    the parts that it was sought in, or in whole pictures."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, request.known)
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
     whole = _limited(whole, request, share)
     whole = replace(whole, has_open_sampling=request.has_open_sampling, left_by_samples=request.left_by_samples)
-    with whole.measuring_pace():
-        middle = middle_of_context(whole)
-    parts = None if middle is None else parts_of_context(whole, middle, request.known)
+    middle, parts = None, None
+    if light is None:
+        with whole.measuring_pace():
+            middle = middle_of_context(whole)
+        if middle is not None:
+            parts = parts_of_context(whole, middle.data.captures, request.known)
     weighted = PerThreadPredictor(partial(whole.predictor.create, has_weighted_stops=True))
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
         whole, notes = with_one_picture(whole, min(only)), [*notes, ONE_PICTURE_NOTE]
         middle, parts = None if middle is None else with_one_picture(middle, min(only)), None
+    if light is not None and light.is_of_parts:
+        like = middle_captures(captures, config.region)
+        parts = parts_of_context(whole, like, request.known, light.values.get("beam"), min_saving=1.0)
+        parts = replace(parts, split=whole.split) if parts is not None and len(only) == 1 else parts
     shared: dict[str, object] = {}
     if middle is not None:
         shared = {f"{name} of the middle": one for name, one in middle.shared_objects().items()}
@@ -389,7 +400,7 @@ def _search(records: CheckedRecords, request: _Request, share: float, light: Fou
     began = time.monotonic()
     request, assumed = _with_chosen_sampling(records.captures, request)
     with request.start_workers() as pool:
-        prepared = _prepare(records, request, pool, share)
+        prepared = _prepare(records, request, pool, share, light)
         if light is None:
             outcome = _find_causes(prepared, request.progress, request.forecast or (lambda text: None))
         else:
@@ -431,14 +442,20 @@ def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request
 
 
 def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
-    """The causes that stand for the light that was found by speckle, judged by least squares."""
+    """The causes that stand for the light that was found by speckle, judged by least squares: in whole pictures, or in
+    parts of large ones and then in these."""
     whole, are_searched = prepared.whole, light.after > NEAR_CORRELATION
     torch.set_num_threads(whole.workers.workers)  # one fit after another, here, of large fields
+    judge = partial(judge_captures, useless=prepared.useless, count=prepared.count, progress=progress)
+    context = whole
+    if prepared.parts is not None:
+        progress(0, 1, "light from beyond the parts")
+        context = replace(prepared.parts, missing_light=measure_missing_light(whole, prepared.parts))
 
     def search_from(*starts: FittedValues) -> Callable[[Collection[int]], SearchOutcome]:
         fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in starts)
         initial = InitialCandidates(fits, are_searched, over_field_only=True, has_fine=True)
-        return partial(search_once, whole, progress=progress, initial=initial)
+        return partial(search_once, context, progress=progress, initial=initial)
 
     search = search_from(light.values)
     found = search(whole.left_out)
@@ -446,7 +463,10 @@ def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCa
     if not found.was_ended and best.excess < _DECIDING_SHARE * nominal.excess:
         search = search_from(best.fit.values, with_or_without_unmodulated(best.fit.values))
         found = search(whole.left_out)
-    outcome = judge_captures(whole, found, search, prepared.useless, prepared.count, progress)
+    if context is whole:
+        outcome = judge(whole, found, search)
+    else:
+        outcome = _judged_whole(whole, found, found, True, judge, progress)
     outcome = replace(outcome, notes=[*outcome.notes, describe_light(light)])
     if outcome.decision.verdict is not Verdict.PARTLY or outcome.decision.best is None:
         return outcome

@@ -79,7 +79,7 @@ def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
         context,
         data=data,
         split=one_picture_split(),
-        predictor=PerThreadPredictor(partial(OnePicturePredictor, context.predictor.create, captures)),
+        predictor=PerThreadPredictor(partial(OnePicturePredictor, context.predictor.create, captures=captures)),
         variances=NeighbourVariances(data),
         config=config_for_one_picture(context.config, speckle_width_px(one)),
         left_out=(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 import numpy as np
@@ -10,14 +11,18 @@ from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.prepared_captures import PreparedCaptures, neighbour_variance, prepare_captures
 from holoview.bench.captures.speckle_measure import window_of
-from holoview.bench.diagnose.speckle_search import FoundLight, SpeckleSearch, find_light
+from holoview.bench.diagnose.config import RegionConfig
+from holoview.bench.diagnose.crop import middle_captures
+from holoview.bench.diagnose.parts import cut_parts
+from holoview.bench.diagnose.speckle_search import NOMINAL, FoundLight, NearBeam, Pictures, SpeckleSearch, find_light
 from holoview.util.progress import ProgressCallback
 
 _MOST_PICTURES = 4
 """[captures] Predicted together in a search by speckle; of more, derivatives find most causes. Evidence: the cost."""
 _MOST_NEAR_PX = 250_000
-"""[pixels] Of the modulators, in a near field, which can't be cut to a window. Evidence: measured: one modulator of 384
-× 288 pixels and three pictures take 60 to 100 s of a core, and others in proportion."""
+"""[pixels] Of the modulators, in a near field, in whose whole pictures light is sought; in five parts of larger ones.
+Evidence: measured: one modulator of 384 × 288 pixels and three pictures take 60 to 100 s of a core, and others in
+proportion."""
 FAR_CHI2 = 4.0
 """[χ²/n] Predictions that leave less are near enough for derivatives, whatever noise does to the grains. Evidence: none
 recorded."""
@@ -32,6 +37,7 @@ _WINDOW_PX = 320, 640
 _PART_PX = 192, 384  # [px] Of the brightest part of that window, where the search begins. Evidence: the cost.
 NEAR_CORRELATION = 0.9
 """[1] Of held-out speckle with the light that was found, above which further causes are searched beside it."""
+_REGION = RegionConfig()
 _CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
 
 
@@ -42,42 +48,55 @@ def window_for_light(captures: Captures, effects: Collection[str]) -> Captures |
     derivatives does better, or has to say so.
     """
     is_alike = not captures.is_fourier or len(np.unique(captures.distance_m)) == len(captures.wavelengths_m) == 1
-    is_small = captures.is_fourier or captures.levels[0].size <= _MOST_NEAR_PX
-    if not (is_alike and is_small and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
+    if not (is_alike and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
-    is_near = _nominal_chi2(data) < FAR_CHI2 or SpeckleSearch(data).held_out(None) > _STANDING
+    is_near = _nominal_chi2(data) < FAR_CHI2 or SpeckleSearch(Pictures(data)).held_out(None) > _STANDING
     return None if is_near else window
 
 
 def shows_a_beam(window: Captures) -> bool:
     """Whether the brightness of near fields shows a beam. Then several causes are large at once."""
-    return not window.is_fourier and SpeckleSearch(prepare_captures(window)).shows_a_beam()
+    return not window.is_fourier and NearBeam.beside(NOMINAL, _brightest(window)).explained > 0
 
 
-def light_by_speckle(window: Captures, progress: ProgressCallback) -> FoundLight | None:
-    """The light that makes the speckle of a window stand; None where none does."""
+def light_by_speckle(window: Captures, progress: ProgressCallback, config: RegionConfig = _REGION) -> FoundLight | None:
+    """The light that makes the speckle of a window stand; None where none does. config: how large parts are."""
     if window.is_fourier:
-        found = find_light(prepare_captures(window), prepare_captures(window_of(window, _PART_PX)), progress)
+        whole, part = (Pictures(prepare_captures(one)) for one in (window, window_of(window, _PART_PX)))
+        found = find_light(whole, part, progress)
     else:
-        found = find_light(brightest := prepare_captures(_brightest(window)), brightest, progress)
+        beam = NearBeam.beside(NOMINAL, _brightest(window))
+        pictures = beam.pictures
+        if window.levels[0].size > _MOST_NEAR_PX:
+            pictures = _parts(pictures.data, beam, config)
+        found = find_light(pictures, pictures, progress, beam)
     return found if found.after > max(found.before + _GAIN, _LEAST) else None
 
 
-def _brightest(captures: Captures) -> Captures:
+def _parts(data: PreparedCaptures, beam: NearBeam, config: RegionConfig) -> Pictures:
+    """Parts of whole pictures where a beam lights them; these themselves where no part fits."""
+    lit = {"size": math.exp(beam.shape["log_size"]), **beam.shape} if beam.explained > 0 else None
+    parts = cut_parts(data, middle_captures(data.captures, config), lit)
+    return Pictures(data) if parts is None else Pictures(parts.data, parts.captures)
+
+
+def _brightest(captures: Captures) -> Pictures:
     """As many pictures as can be predicted together in a search, the brightest ones, in the plane of the brightest."""
-    count = max(1, _MOST_PART_PX // captures.levels[0].size)
+    count = max(1, _MOST_PART_PX // min(captures.levels[0].size, _MOST_NEAR_PX))
     brightest = np.argsort(-captures.images.mean(axis=(1, 2), dtype=np.float64), kind="stable")
     in_plane = brightest[captures.distance_m[brightest] == captures.distance_m[brightest[0]]][:count]
-    return captures if len(captures) == len(in_plane) else captures.subset(np.sort(in_plane))
+    chosen = captures if len(captures) == len(in_plane) else captures.subset(np.sort(in_plane))
+    return Pictures(prepare_captures(chosen))
 
 
 def describe_light(light: FoundLight) -> str:
     """In words, how well the speckle stands with the light that was found, and what it loses without each part."""
     parts = ", ".join(f"{part} {lost:.3f} ({sigmas:.1f} σ)" for part, (lost, sigmas) in light.losses.items())
+    where = "five parts of the pictures" if light.is_of_parts else "the brightest window, which was judged"
     told = (
-        "The light on the modulator was sought by speckle in the brightest window, which was judged. On held-out "
+        f"The light on the modulator was sought by speckle in {where}. On held-out "
         f"pixels the correlation of local contrasts went from {light.before:.2f} to {light.after:.2f}."
     )
     if light.was_ended:

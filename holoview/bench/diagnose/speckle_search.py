@@ -21,10 +21,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.dataset import Captures
+from holoview.bench.captures.predictor import Prediction, Predictor
 from holoview.bench.captures.prepared_captures import PreparedCaptures
 from holoview.bench.captures.speckle_measure import SpeckleMeasure
 from holoview.bench.captures.speckle_retrieval import LightRetrieval, NearestBeam, beam_of_brightness
+from holoview.bench.diagnose.crop import compact_prediction
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.bench.diagnose.parts import PartsPredictor
 from holoview.bench.diagnose.search_context import SearchEnded
 from holoview.light.effects.beam import WAVEFRONT_TERMS
 from holoview.light.model.effects.effect import Effect, Parameter, Values
@@ -119,6 +123,65 @@ _MIDDLE = Circle(0.5)
 NO_SHAPE: Mapping[str, float] = MappingProxyType({})
 
 
+@dataclass(frozen=True)
+class Pictures:
+    """Pictures in which light is sought, few enough to be predicted together.
+
+    parts: where the pictures show parts of larger ones, one below the other, the captures of each.
+    """
+
+    data: PreparedCaptures
+    parts: tuple[Captures, ...] = ()
+
+    @property
+    def captures(self) -> Captures:
+        """Of all parts together."""
+        return self.data.captures
+
+    @property
+    def whole_shape(self) -> tuple[int, int]:
+        """Rows and columns of the modulators that these are parts of."""
+        rows, columns = self.captures.slm_frame or self.captures.levels.shape[2:]
+        return rows, columns
+
+    @property
+    def half_m(self) -> float:
+        """Half the longer side of the modulators, m."""
+        return max(self.whole_shape) * self.captures.slms[0].pitch_m / 2
+
+    def predictor(self, light: Effect) -> Callable[..., Prediction]:
+        """Predicts the pictures with an effect beside those of the registry."""
+        if not self.parts:
+            return Predictor(self.captures, [light], cache_mb=1)
+        options: dict[str, Any] = {"known_values": {}, "extra_effects": [light]}
+        each = [partial(PredictorWithKnownEffects, **compact_prediction(part), **options) for part in self.parts]
+        return PartsPredictor(each, cache_mb=1)
+
+    def scaled(self, lengths: Lengths) -> Pictures:
+        """The pictures of a bench of other lengths."""
+        data = dataclasses.replace(self.data, captures=lengths.scaled(self.captures))
+        return Pictures(data, tuple(lengths.scaled(part) for part in self.parts))
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Factors of a bench's lengths. far: of the focal length, or of the distance of near fields. gap: of the gap."""
+
+    far: float = 1.0
+    gap: float = 1.0
+
+    def scaled(self, captures: Captures) -> Captures:
+        """The captures of a bench of these lengths."""
+        changed = dict[str, Any]()
+        if captures.focal_length_m is None:
+            changed["distance_m"] = captures.distance_m * self.far
+        else:
+            changed["focal_length_m"] = captures.focal_length_m * self.far
+        if captures.gap_m is not None:
+            changed["gap_m"] = captures.gap_m * self.gap
+        return dataclasses.replace(captures, **changed)
+
+
 class FreeLight(Effect):
     """The light of a beam, its tilt, the modulators' stroke and unmodulated light with tensors in place of numbers."""
 
@@ -133,7 +196,7 @@ class FreeLight(Effect):
         """circle: of the wavefront's terms. unit_m: the wavelength of which their radians are."""
         self.point: dict[str, Tensor] = {}
         self.circle, self._unit_m = circle, unit_m
-        self._terms: dict[tuple[int, ...], Tensor] = {}
+        self._terms: dict[tuple[object, ...], Tensor] = {}
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         return share * self.point["stroke"].to(share.dtype)
@@ -152,11 +215,12 @@ class FreeLight(Effect):
         values |= {f"centre_{axis}": p[f"centre_{axis}"] for axis in "yx"}
         light = get_effect("beam").transmission(transmission, context, values)  # type: ignore[arg-type]
         one, shape = transmission.real.detach(), tuple(transmission.shape)
-        if shape not in self._terms:
+        key = shape, context.centre_m  # parts are alike in shape
+        if key not in self._terms:
             radius_m, *centre_m = (length * half_m for length in dataclasses.astuple(self.circle))
             terms = [context.zernike(one, {noll: 1.0}, tuple(centre_m), radius_m) for noll in _TERMS]
-            self._terms[shape] = torch.stack(terms)
-        phase = torch.tensordot(torch.stack([p[f"z{noll}"] for noll in _TERMS]), self._terms[shape], dims=1)
+            self._terms[key] = torch.stack(terms)
+        phase = torch.tensordot(torch.stack([p[f"z{noll}"] for noll in _TERMS]), self._terms[key], dims=1)
         phase = phase * (self._unit_m / context.wavelength_m)
         return light * torch.polar(torch.ones_like(phase), phase)
 
@@ -169,7 +233,7 @@ class FoundLight:
     bench and with the values. losses: of each part of the light, by how much this correlation is lower without it, and
     by how many standard deviations; parts that aren't in `values` too. explained: what a near field's beam explains of
     the brightness that even light leaves; None of a Fourier bench, where speckle tells the beam. was_ended: whether the
-    search was ended before its parts were judged.
+    search was ended before its parts were judged. is_of_parts: whether it was sought in parts of pictures.
     """
 
     values: dict[str, dict[str, float]]
@@ -178,6 +242,7 @@ class FoundLight:
     losses: dict[str, tuple[float, float]]
     explained: float | None = None
     was_ended: bool = False
+    is_of_parts: bool = False
 
 
 @dataclass(frozen=True)
@@ -195,21 +260,73 @@ class Standing:
         return self.held_out - without.held_out, float(lost.sum()) / max(spread, 1e-12)
 
 
+class PointPredictor:
+    """The light (picture, y, x) that pictures would show if a point were true."""
+
+    def __init__(self, pictures: Pictures, circle: Circle) -> None:
+        """circle: that of the wavefront's terms."""
+        self._light = FreeLight(circle, float(pictures.captures.wavelength_m[0]))
+        self._predict = pictures.predictor(self._light)
+        self._indices, self._calls = np.arange(len(pictures.captures)), 0
+
+    def __call__(self, point: Mapping[str, Tensor | float] | None) -> Tensor:
+        """Of the nominal bench without a point."""
+        if point is None:
+            return self._predict(self._indices, {}).signal
+        point = dict(point)
+        stray = point.pop("stray")
+        self._light.point = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in point.items()}
+        self._calls += 1  # each point is another light, of which nothing is kept
+        values = {"speckle_light": {"on": float(self._calls)}}
+        light = self._predict(self._indices, values, grad=torch.is_grad_enabled()).signal
+        return light + stray * light.mean()
+
+
+@dataclass(frozen=True)
+class NearBeam:
+    """What brightness tells of the beam of near fields.
+
+    pictures: whole ones. shape: numbers of a point; those of even light where nothing shows a beam; none where light
+    walks off so far that brightness doesn't tell the beam. explained: share of the brightness that even light leaves.
+    """
+
+    pictures: Pictures
+    shape: Mapping[str, float]
+    explained: float
+
+    @classmethod
+    def beside(cls, point: Point, pictures: Pictures, circle: Circle = _MIDDLE) -> NearBeam:
+        """The beam that brings brightness to its places beside a point's other numbers. circle: of the point's terms.
+        pictures: whole ones."""
+        captures, usable = pictures.captures, pictures.data.usable
+        with torch.no_grad():
+            even = PointPredictor(pictures, circle)(point | _EVEN | {"stray": 0.0}).numpy()
+        side = max(_CELL_PX, min(captures.shape) // _MOST_CELLS)
+        y, x = (_cell_means(positions(n, captures.camera.pitch_m), side) / pictures.half_m for n in captures.shape)
+        measured, predicted = (_of_cells(light, usable, side) for light in (pictures.data.light, even))
+        beam, explained = beam_of_brightness(measured, predicted, y, x)
+        farthest_m = float(np.abs(captures.distance_m).max()) + (captures.gap_m or 0.0)
+        walk_off = farthest_m * float(captures.wavelength_m.max()) / (2 * captures.slms[0].pitch_m) / pictures.half_m
+        if min(beam.radius, 1.0) < _LEAST_WALK_OFFS * walk_off:
+            return cls(pictures, NO_SHAPE, 0.0)
+        if explained < _LEAST_EXPLAINED:
+            return cls(pictures, _EVEN, 0.0)
+        found = {"log_size": -math.log(beam.radius), "edge": beam.edge}
+        return cls(pictures, found | {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}, explained)
+
+
 class SpeckleSearch:
     """Ascents of the correlation of local contrasts of pictures.
 
-    data: the pictures, few enough to be predicted together. circle: that of the wavefront's terms. shape: numbers of a
-    beam that stay.
+    circle: that of the wavefront's terms. shape: numbers of a beam that stay.
     """
 
-    def __init__(self, data: PreparedCaptures, circle: Circle = _MIDDLE, shape: Mapping[str, float] = NO_SHAPE) -> None:
-        captures = data.captures
-        self.shape = shape
-        self._data, self._light = data, FreeLight(circle, float(captures.wavelength_m[0]))
-        self._predict = Predictor(captures, [self._light], cache_mb=1)
-        self._indices, self._calls = np.arange(len(captures)), 0
-        self._measure = SpeckleMeasure(data)
-        self._has_second = captures.levels.shape[1] > 1
+    def __init__(self, pictures: Pictures, circle: Circle = _MIDDLE, shape: Mapping[str, float] = NO_SHAPE) -> None:
+        self.shape, self._circle = shape, circle
+        self._pictures, self._data = pictures, pictures.data
+        self._predicted = PointPredictor(pictures, circle)
+        self._measure = SpeckleMeasure(pictures.data)
+        self._has_second = pictures.captures.levels.shape[1] > 1
 
     def near(self, beam: NearestBeam, stroke: float) -> Point:
         """The point of a beam with a wavefront."""
@@ -217,7 +334,7 @@ class SpeckleSearch:
         point |= {"log_size": -math.log(beam.radius), "edge": beam.edge}
         point |= {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}
         point |= {f"z{noll}": radians for noll, radians in beam.terms.items()}
-        point = _rebased(point, Circle(beam.radius, *beam.centre), self._light.circle) if beam.terms else point
+        point = _rebased(point, Circle(beam.radius, *beam.centre), self._circle) if beam.terms else point
         return point | dict(self.shape)
 
     def score(self, point: Point) -> float:
@@ -247,7 +364,7 @@ class SpeckleSearch:
             reach_px=reach,
             around_px=max(_AROUND_PX, reach + 8),
         )
-        per_px = self._per_metre(self._light.circle.radius) * self._data.captures.camera.pitch_m
+        per_px = self._per_metre(self._circle.radius) * self._data.captures.camera.pitch_m
         moved = {"z3": point["z3"] + found.shift[0] * per_px, "z2": point["z2"] + found.shift[1] * per_px}
         return found.correlation, point | moved
 
@@ -272,30 +389,6 @@ class SpeckleSearch:
             adam.step()
         return best
 
-    def shape_of_brightness(self, point: Point) -> tuple[Mapping[str, float], float]:
-        """The beam that brings a near field's brightness to its places, beside a point's other numbers, and the share
-        of the brightness that it explains: even light, and 0, where that is too little; none, and 0, where light walks
-        off so far that brightness doesn't tell the beam."""
-        captures, usable = self._data.captures, self._data.usable
-        with torch.no_grad():
-            even = self._predicted(point | _EVEN | {"stray": 0.0}).numpy()
-        side = max(_CELL_PX, min(captures.shape) // _MOST_CELLS)
-        y, x = (_cell_means(positions(n, captures.camera.pitch_m), side) / self._half_m() for n in captures.shape)
-        measured, predicted = (_of_cells(light, usable, side) for light in (self._data.light, even))
-        beam, explained = beam_of_brightness(measured, predicted, y, x)
-        farthest_m = float(np.abs(captures.distance_m).max()) + (captures.gap_m or 0.0)
-        walk_off = farthest_m * float(captures.wavelength_m.max()) / (2 * captures.slms[0].pitch_m) / self._half_m()
-        if min(beam.radius, 1.0) < _LEAST_WALK_OFFS * walk_off:
-            return NO_SHAPE, 0.0
-        if explained < _LEAST_EXPLAINED:
-            return _EVEN, 0.0
-        found = {"log_size": -math.log(beam.radius), "edge": beam.edge}
-        return found | {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}, explained
-
-    def shows_a_beam(self) -> bool:
-        """Whether a near field's brightness shows a beam at the nominal bench."""
-        return self.shape_of_brightness(NOMINAL)[1] > 0
-
     def is_free(self, part: str) -> bool:
         """Whether a part of the light is varied."""
         return not (self.shape and part == "shape") and (self._has_second or PARTS[part] is not _SECOND)
@@ -311,7 +404,7 @@ class SpeckleSearch:
             beam = {"size": math.exp(point["log_size"]), "edge": point["edge"]}
             beam |= {f"centre_{axis}": point[f"centre_{axis}"] for axis in "yx"}
         own = Circle(circle, point["centre_y"], point["centre_x"])  # in the middle without a shape
-        centred = _rebased(point, self._light.circle, own)
+        centred = _rebased(point, self._circle, own)
         per_radian = float(captures.wavelength_m[0]) / (2 * math.pi)
         names = [f"z{noll}" for noll in WAVEFRONT_TERMS]
         is_dropped = {name for part in dropped for name in PARTS[part]}
@@ -333,12 +426,9 @@ class SpeckleSearch:
         to_m = 1 / self._per_metre(circle)
         return values | {"camera_alignment": {"shift_y": centred["z3"] * to_m, "shift_x": centred["z2"] * to_m}}
 
-    def _half_m(self) -> float:
-        return max(self._data.captures.levels.shape[2:]) * self._data.captures.slms[0].pitch_m / 2
-
     def _whole_circle(self) -> float:
         """Radius of the circle around the modulator in half sides."""
-        shape = self._data.captures.levels.shape[2:]
+        shape = self._pictures.whole_shape
         return math.hypot(*shape) / max(shape)
 
     def _per_metre(self, circle: float) -> float:
@@ -346,19 +436,7 @@ class SpeckleSearch:
         s times the focal length, or the distance."""
         captures = self._data.captures
         distance_m = captures.focal_length_m or float(captures.distance_m[0])
-        return 2 * math.pi / float(captures.wavelength_m[0]) / distance_m * circle * self._half_m() / 2
-
-    def _predicted(self, point: Mapping[str, Tensor | float] | None) -> Tensor:
-        """The predicted light (capture, y, x)."""
-        if point is None:
-            return self._predict(self._indices, {}).signal
-        point = dict(point)
-        stray = point.pop("stray")
-        self._light.point = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in point.items()}
-        self._calls += 1  # each point is another light, of which nothing is kept
-        values = {"speckle_light": {"on": float(self._calls)}}
-        light = self._predict(self._indices, values, grad=torch.is_grad_enabled()).signal
-        return light + stray * light.mean()
+        return 2 * math.pi / float(captures.wavelength_m[0]) / distance_m * circle * self._pictures.half_m / 2
 
 
 def _cell_means(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
@@ -414,25 +492,29 @@ def with_or_without_unmodulated(values: dict[str, dict[str, float]]) -> dict[str
 # --- the search -------------------------------------------------------------------------------------------------------
 
 
-def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: ProgressCallback, seed: int = 0) -> FoundLight:
+def find_light(
+    pictures: Pictures,
+    part: Pictures,
+    progress: ProgressCallback,
+    beam: NearBeam | None = None,
+    seed: int = 0,
+) -> FoundLight:
     """The light that makes the speckle of pictures stand, as values of effects. seed: of the random kicks.
 
-    data: one or a few pictures. part: a smaller window of them, in which the light is sought before it is refined and
-    judged. progress: may raise `SearchEnded`: then the best light so far counts, with all of its parts; before there is
-    one, the exception is passed on.
+    part: a smaller window of the pictures, in which the light is sought before it is refined and judged. beam: of near
+    fields, as brightness tells it. progress: may raise `SearchEnded`: then the best light so far counts, with all of
+    its parts; before there is one, the exception is passed on.
     """
     told, steps = "light on the modulator, by speckle", _STAGES + len(PARTS)
-    nominal = SpeckleSearch(data)
-    before, shape, explained = nominal.held_out(None), NO_SHAPE, None
-    if not data.captures.is_fourier:
-        shape, explained = nominal.shape_of_brightness(NOMINAL)
+    before, shape = SpeckleSearch(pictures).held_out(None), NO_SHAPE if beam is None else beam.shape
     found, was_ended = _sought(part, shape, lambda number: progress(number, steps, told), np.random.default_rng(seed))
     point, losses = found.point, dict[str, tuple[float, float]]()
-    search = SpeckleSearch(_scaled(data, found.lengths), found.circle, shape)
+    search = SpeckleSearch(pictures.scaled(found.lengths), found.circle, shape)
     if not was_ended:
         point = _polished(search, point)
-        if shape:
-            search.shape, explained = search.shape_of_brightness(point)
+        if beam is not None and shape:
+            beam = NearBeam.beside(point, beam.pictures.scaled(found.lengths), found.circle)
+            search.shape = beam.shape
             point = search.ascend(point | dict(search.shape), 12, rate=0.5)[1]
         try:
             point, losses = without_superfluous(search, point, lambda number: progress(_STAGES + number, steps, told))
@@ -442,21 +524,15 @@ def find_light(data: PreparedCaptures, part: PreparedCaptures, progress: Progres
     if search.shape == _EVEN:
         dropped.append("shape")
     values = search.effect_values(point, dropped)
-    if data.captures.is_fourier:
-        values["camera_alignment"]["magnification"] = found.lengths.far - 1
-    elif found.lengths.far != 1:
-        values["distance"] = {"distance_error": (found.lengths.far - 1) * float(data.captures.distance_m[0])}
-    if data.captures.gap_m and found.lengths.gap != 1:
-        values["gap"] = {"gap_error": (found.lengths.gap - 1) * data.captures.gap_m}
-    return FoundLight(values, before, search.held_out(point), losses, explained, was_ended)
-
-
-@dataclass(frozen=True)
-class _Lengths:
-    """Factors of a bench's lengths. far: of the focal length, or of the distance of near fields. gap: of the gap."""
-
-    far: float = 1.0
-    gap: float = 1.0
+    captures, lengths = pictures.captures, found.lengths
+    if captures.is_fourier:
+        values["camera_alignment"]["magnification"] = lengths.far - 1
+    elif lengths.far != 1:
+        values["distance"] = {"distance_error": (lengths.far - 1) * float(captures.distance_m[0])}
+    if captures.gap_m and lengths.gap != 1:
+        values["gap"] = {"gap_error": (lengths.gap - 1) * captures.gap_m}
+    explained = None if beam is None else beam.explained
+    return FoundLight(values, before, search.held_out(point), losses, explained, was_ended, bool(pictures.parts))
 
 
 @dataclass(frozen=True)
@@ -466,15 +542,16 @@ class _Leader:
     score: float
     point: Point
     circle: Circle
-    lengths: _Lengths
+    lengths: Lengths
 
 
 def _sought(
-    part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None], rng: np.random.Generator
+    part: Pictures, shape: Mapping[str, float], progress: Callable[[int], None], rng: np.random.Generator
 ) -> tuple[_Leader, bool]:
     """The best light of a window, and whether the search was ended: from retrieved light, of near fields from the place
     of the second modulator too (first where brightness tells the beam), from simple beams, and after kicks."""
     ways = [_from_retrieved] if part.captures.is_fourier else [_from_retrieved, _from_places]
+    ways = ways[1:] if part.parts else ways  # splines over the whole modulator tell little of parts
     first, *others = reversed(ways) if shape else ways
     best = first(part, shape, progress)
     try:
@@ -484,13 +561,13 @@ def _sought(
         if best.score <= _CLEAR:
             progress(_SCANS + _LEADERS)
             best = max(best, _from_simple_beams(part, shape), key=lambda one: one.score)
-        search = SpeckleSearch(_scaled(part, best.lengths), best.circle, shape)
+        search = SpeckleSearch(part.scaled(best.lengths), best.circle, shape)
         for number in range(_KICKS):
             progress(_SCANS + _LEADERS + 1 + number)
             if number in (0, _KICKS - 1):
                 of_lengths = partial(_score_of, part, best.circle, shape, best.point)
                 lengths = _climbed(part, of_lengths, best.lengths, is_fine=True)
-                search = SpeckleSearch(_scaled(part, lengths), best.circle, shape)
+                search = SpeckleSearch(part.scaled(lengths), best.circle, shape)
                 best = dataclasses.replace(best, lengths=lengths, score=search.score(best.point))
             if best.score > _CLEAR:
                 continue
@@ -514,11 +591,11 @@ def _polished(search: SpeckleSearch, point: Point) -> Point:
     return point
 
 
-def _from_places(part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
+def _from_places(part: Pictures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
     """The best ascent from light without a wavefront, of a near field, whose speckle is at its place then already: from
     the stroke and the place of the second modulator with which speckle stands best, with the lengths in between."""
     progress(0)
-    search, point, lengths = SpeckleSearch(part, shape=shape), NOMINAL | dict(shape), _Lengths()
+    search, point, lengths = SpeckleSearch(part, shape=shape), NOMINAL | dict(shape), Lengths()
     strokes = [{"stroke": stroke} for stroke in _STROKES]
     places = [dict(zip(_SECOND, (y, x), strict=True)) for y in _PLACES_PX for x in _PLACES_PX]
     for changes in (strokes, *([places, strokes] if part.captures.gap_m is not None else [])):
@@ -528,26 +605,26 @@ def _from_places(part: PreparedCaptures, shape: Mapping[str, float], progress: C
         progress(1 + number)
         point = search.ascend(point, 14, fixed=wavefront)[1]
         lengths = _climbed(part, partial(_score_of, part, _MIDDLE, shape, point), lengths, is_fine=number > 0)
-        search = SpeckleSearch(_scaled(part, lengths), shape=shape)
+        search = SpeckleSearch(part.scaled(lengths), shape=shape)
     progress(3)
     circle = Circle(math.exp(-point["log_size"]), point["centre_y"], point["centre_x"]) if shape else _MIDDLE
-    return _Leader(*SpeckleSearch(_scaled(part, lengths), circle, shape).ascend(point, 30), circle, lengths)
+    return _Leader(*SpeckleSearch(part.scaled(lengths), circle, shape).ascend(point, 30), circle, lengths)
 
 
-def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
+def _from_retrieved(part: Pictures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
     """The best of the beams that resemble retrieved lights, after an ascent. The focal length, or the distance of near
     fields, is that at which the speckle of retrieved light stands best; the strokes are those with which it stands best
     there. shape: of a beam that is known."""
-    retrieval, starts = LightRetrieval(part), []
+    retrieval, starts = LightRetrieval(part.data), []
     for number, stroke in enumerate(_STROKES):
         progress(number)
         starts.append(retrieval.start(stroke))
     starts.sort(key=lambda one: -one.correlation)
     progress(len(_STROKES))
     stroke = starts[0].stroke
-    lengths = _climbed(part, lambda one: LightRetrieval(_scaled(part, one)).start(stroke).correlation, _Lengths())
-    if lengths != _Lengths():
-        retrieval = LightRetrieval(_scaled(part, lengths))
+    lengths = _climbed(part, lambda one: LightRetrieval(part.scaled(one).data).start(stroke).correlation, Lengths())
+    if lengths != Lengths():
+        retrieval = LightRetrieval(part.scaled(lengths).data)
         starts = [retrieval.start(one.stroke) for one in starts[:_LEADERS]]
     leaders = []
     for number, start in enumerate(starts[:_LEADERS]):
@@ -555,14 +632,14 @@ def _from_retrieved(part: PreparedCaptures, shape: Mapping[str, float], progress
         retrieved = retrieval.ascend(start, 30)
         beam = retrieval.nearest_beam(retrieved, _TERMS)
         circle = Circle(beam.radius, *beam.centre)
-        search = SpeckleSearch(_scaled(part, lengths), circle, shape)
+        search = SpeckleSearch(part.scaled(lengths), circle, shape)
         leaders.append(_Leader(*search.ascend(search.near(beam, retrieved.stroke), 30), circle, lengths))
         if leaders[-1].score > _CLEAR:
             break
     return max(leaders, key=lambda one: one.score)
 
 
-def _from_simple_beams(part: PreparedCaptures, shape: Mapping[str, float]) -> _Leader:
+def _from_simple_beams(part: Pictures, shape: Mapping[str, float]) -> _Leader:
     """The best ascent from beams in the middle with at most one term of a wavefront, of several sizes and strokes: it
     finds light of some radians behind patterns whose far field is drawn in thin lines, where a retrieval sees lines
     rather than speckle."""
@@ -580,7 +657,7 @@ def _from_simple_beams(part: PreparedCaptures, shape: Mapping[str, float]) -> _L
     circle = Circle(min(max(math.exp(-rough[0][1]["log_size"]), 0.15), 1.25))
     search = SpeckleSearch(part, circle, shape)
     finer = [search.ascend(_rebased(point, _MIDDLE, circle), 24) for _, point in rough[:2]]
-    return _Leader(*max(finer, key=lambda found: found[0]), circle, _Lengths())
+    return _Leader(*max(finer, key=lambda found: found[0]), circle, Lengths())
 
 
 def _spread(starts: list[tuple[float, Point]]) -> list[tuple[float, Point]]:
@@ -622,27 +699,11 @@ def _is_needed(loss: tuple[float, float]) -> bool:
     return loss[0] > LEAST_LOSS and loss[1] > LEAST_SIGMAS
 
 
-def _scaled(data: PreparedCaptures, lengths: _Lengths) -> PreparedCaptures:
-    """The pictures of a bench of other lengths."""
-    captures, changed = data.captures, dict[str, Any]()
-    if captures.focal_length_m is None:
-        changed["distance_m"] = captures.distance_m * lengths.far
-    else:
-        changed["focal_length_m"] = captures.focal_length_m * lengths.far
-    if captures.gap_m is not None:
-        changed["gap_m"] = captures.gap_m * lengths.gap
-    return dataclasses.replace(data, captures=dataclasses.replace(captures, **changed))
+def _score_of(part: Pictures, circle: Circle, shape: Mapping[str, float], point: Point, lengths: Lengths) -> float:
+    return SpeckleSearch(part.scaled(lengths), circle, shape).score(point)
 
 
-def _score_of(
-    part: PreparedCaptures, circle: Circle, shape: Mapping[str, float], point: Point, lengths: _Lengths
-) -> float:
-    return SpeckleSearch(_scaled(part, lengths), circle, shape).score(point)
-
-
-def _climbed(
-    part: PreparedCaptures, score: Callable[[_Lengths], float], lengths: _Lengths, *, is_fine: bool = False
-) -> _Lengths:
+def _climbed(part: Pictures, score: Callable[[Lengths], float], lengths: Lengths, *, is_fine: bool = False) -> Lengths:
     """The lengths up to which a score rises, in steps of one after the other."""
     most = {"far": (_MOST_SCALE, _SCALE_STEPS) if part.captures.is_fourier else (_MOST_FARTHER, _FARTHER_STEPS)}
     if part.captures.gap_m is not None:
