@@ -156,6 +156,16 @@ def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> N
         light_by_speckle(window, end_at(3))
 
 
+def test_a_cause_that_is_no_candidate_is_not_sought(tmp_path: Path) -> None:
+    """The search varies all of its causes together, so that none of them may be left out."""
+    drawn = _nominal("near-two", 1)
+    spoilt = replace(drawn.bench, beam=Beam(RADIUS_PX, 2.0, (2.0, -4.0)), stroke_m=drawn.bench.stroke_m * STROKE)
+    captures, candidates = _captures(replace(drawn, bench=spoilt), tmp_path), list(listed_effects())
+    assert window_for_light(captures, candidates) is not None
+    for missing in ("distance", "gap", "slm_alignment", "beam", "stroke"):
+        assert window_for_light(captures, [name for name in candidates if name != missing]) is None
+
+
 def test_a_near_field_without_faults_needs_no_such_search(tmp_path: Path) -> None:
     """The nominal bench predicts the pictures."""
     captures = _captures(_nominal("near", 1), tmp_path)

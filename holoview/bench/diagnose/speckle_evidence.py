@@ -38,17 +38,20 @@ _PART_PX = 192, 384  # [px] Of the brightest part of that window, where the sear
 NEAR_CORRELATION = 0.9
 """[1] Of held-out speckle with the light that was found, above which further causes are searched beside it."""
 _REGION = RegionConfig()
+_OF_TWO = "gap", "slm_alignment"
 _CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
 
 
 def window_for_light(captures: Captures, effects: Collection[str]) -> Captures | None:
     """The window of a few pictures in which light may be sought by speckle and causes judged.
 
-    effects: ids of the candidates. None where there are many pictures or the nominal bench is near: then a search by
-    derivatives does better, or has to say so.
+    effects: ids of the candidates. None where there are many pictures or the nominal bench is near, and where a cause
+    that this search may name isn't a candidate: then a search by derivatives does better, or has to say so.
     """
     is_alike = not captures.is_fourier or len(np.unique(captures.distance_m)) == len(captures.wavelengths_m) == 1
-    if not (is_alike and len(captures) <= _MOST_PICTURES and {*_CAUSES} <= {*effects}):
+    causes = {*_CAUSES, *([] if captures.is_fourier else ["distance"])}
+    causes |= {*_OF_TWO} if captures.gap_m is not None else set()
+    if not (is_alike and len(captures) <= _MOST_PICTURES and causes <= {*effects}):
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
