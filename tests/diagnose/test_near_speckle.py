@@ -86,6 +86,19 @@ def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.05)
 
 
+@pytest.mark.parametrize("stray", [0.0, 12.0])
+def test_brightness_tells_stray_light_beside_a_beam(stray: float, tmp_path: Path) -> None:
+    """Speckle hardly does: local contrasts are divided by their spread. To a tenth, as the beam's edge is blurred."""
+    drawn = _nominal("near", 1, (96, 128))
+    spoilt = replace(drawn.bench, beam=Beam(40.0, 2.0, (5.0, -8.0)), stroke_m=drawn.bench.stroke_m * STROKE)
+    captures = _captures(replace(drawn, bench=spoilt), tmp_path)
+    captures = replace(captures, images=np.minimum(captures.images + stray, captures.camera.saturation))
+    light = light_by_speckle(captures, no_progress)
+    assert light is not None
+    found = light.values.get("camera_black", {"black": 0.0})["black"]
+    assert found == pytest.approx(stray, rel=0.1) if stray else found == 0.0
+
+
 def test_pictures_in_several_planes_have_one_light(tmp_path: Path) -> None:
     """It is sought in the plane of the brightest picture, and stands in the others too."""
     drawn = _nominal("near", 1, (96, 128))
@@ -203,8 +216,11 @@ def test_a_beam_is_found_exactly_where_brightness_shows_nothing_else() -> None:
     square = ((y[:, None] + 0.2) ** 2 + (x - 0.3) ** 2) / 0.45**2
     measured = 3 * even * np.exp(-2 * square**1.7) + 0.2
     measured[0, 3, 4] = np.nan
-    beam, explained = beam_of_brightness(measured, even, y, x)
+    told = beam_of_brightness(measured, even, y, x)
+    beam = told.beam
     np.testing.assert_allclose([beam.radius, beam.edge, *beam.centre], [0.45, 1.7, -0.2, 0.3], atol=2e-3)
-    assert explained > 0.9999
+    assert told.explained > 0.9999 and told.stray == pytest.approx(0.2, abs=1e-3) and told.without_stray > 100
     noise = np.random.default_rng(1).normal(0, 0.05, even.shape)
-    assert beam_of_brightness(even + noise, even, y, x)[1] < 0.1  # of 400 held cells a chance to gain 4/400
+    assert beam_of_brightness(even + noise, even, y, x).explained < 0.1  # of 400 held cells a chance to gain 4/400
+    alone = beam_of_brightness(measured - 0.2 + noise, even, y, x)
+    assert alone.without_stray < 1.1  # a constant that isn't there gains as little

@@ -253,41 +253,64 @@ def nearest_beam(light: Tensor, y: Tensor, x: Tensor, terms: tuple[int, ...]) ->
     return NearestBeam(radius, edge, (centre_y, centre_x), found, -float(best.fun))
 
 
+@dataclass(frozen=True)
+class Brightness:
+    """What the brightness of near fields tells.
+
+    beam: on the modulator. explained: share of what even light leaves in held-out cells that this beam explains. stray:
+    light that is the same everywhere, in the unit of what was measured. without_stray: what a beam beside a gain alone
+    leaves in held-out cells, over what this beam beside stray light leaves.
+    """
+
+    beam: NearestBeam
+    explained: float
+    stray: float
+    without_stray: float
+
+
 def beam_of_brightness(
     measured: NDArray[np.float64], even: NDArray[np.float64], y: NDArray[np.float64], x: NDArray[np.float64]
-) -> tuple[NearestBeam, float]:
+) -> Brightness:
     """The beam that brings the brightness of a near field to its places, and how much it explains.
 
     A near field is as bright as the light on the modulator's part before it, times what the pattern does to even light.
     measured, even: mean brightness (picture, row, column) in cells, as measured and as predicted of even light; NaN
     where it isn't known. y, x: of the cells' centres, in half sides of the modulator. A gain and stray light, the same
-    for all, are fitted beside the beam. The share is that of what even light leaves, of every fourth cell, by which the
-    beam wasn't fitted.
+    for all, are fitted beside the beam. Every fourth cell is held out of the fit.
     """
     rows, columns = y[:, None], x[None, :]
     known = np.isfinite(measured) & np.isfinite(even)
     held = np.broadcast_to((np.arange(len(y))[:, None] + 2 * np.arange(len(x))[None, :]) % 4 == 0, known.shape)
 
-    def left(shape: NDArray[np.float64] | float) -> tuple[float, float]:
-        predicted = even * shape
-        fitted = known & ~held
-        model = np.stack([predicted[fitted], np.ones(int(fitted.sum()))], axis=1)
-        numbers, _ = nnls(model, measured[fitted])
-        rest = np.square(measured - numbers[0] * predicted - numbers[1])
-        return float(rest[fitted].sum()), float(rest[known & held].sum())
+    def fitted(shape: NDArray[np.float64] | float, has_stray: bool = True) -> tuple[NDArray[np.float64], float, float]:
+        """Gain and stray light, and what they leave in the cells of the fit and in the others."""
+        predicted, used = even * shape, known & ~held
+        model = np.stack([predicted[used], np.full(int(used.sum()), float(has_stray))], axis=1)
+        numbers, _ = nnls(model, measured[used])
+        rest = np.square(measured - numbers[0] * predicted - numbers[1] * has_stray)
+        return numbers, float(rest[used].sum()), float(rest[known & held].sum())
 
-    def missing(numbers: NDArray[np.float64]) -> float:
-        return left(_beam_amplitude(rows, columns, numbers) ** 2)[0]
+    scale = max(fitted(1.0)[1], 1e-30)
 
-    scale = max(left(1.0)[0], 1e-30)
-    fits = [
-        minimize(lambda numbers: missing(numbers) / scale, (r, 1.5, 0.0, 0.0), method="L-BFGS-B", bounds=_BEAM_BOUNDS)
-        for r in _BEAM_RADII
-    ]
-    best = min(fits, key=lambda fit: float(fit.fun))
-    radius, edge, centre_y, centre_x = (float(value) for value in best.x)
-    explained = 1 - left(_beam_amplitude(rows, columns, best.x) ** 2)[1] / max(left(1.0)[1], 1e-30)
-    return NearestBeam(radius, edge, (centre_y, centre_x), {}, 1.0), explained
+    def best_from(starts: list[tuple[float, float, float, float]], has_stray: bool) -> NDArray[np.float64]:
+        def missing(numbers: NDArray[np.float64]) -> float:
+            return fitted(_beam_amplitude(rows, columns, numbers) ** 2, has_stray)[1] / scale
+
+        fits = [minimize(missing, start, method="L-BFGS-B", bounds=_BEAM_BOUNDS) for start in starts]
+        return np.asarray(min(fits, key=lambda fit: float(fit.fun)).x)
+
+    best = best_from([(radius, 1.5, 0.0, 0.0) for radius in _BEAM_RADII], True)
+    alone = best_from([tuple(best)], False)
+    radius, edge, centre_y, centre_x = (float(value) for value in best)
+    light = _beam_amplitude(rows, columns, best) ** 2
+    (_, stray), _, left = fitted(light)
+    _, _, without = fitted(_beam_amplitude(rows, columns, alone) ** 2, False)
+    return Brightness(
+        NearestBeam(radius, edge, (centre_y, centre_x), {}, 1.0),
+        1 - left / max(fitted(1.0)[2], 1e-30),
+        float(stray),
+        without / max(left, 1e-30),
+    )
 
 
 def _beam_amplitude(

@@ -105,6 +105,9 @@ _MOST_CELLS = 48  # along the shorter side
 _LEAST_WALK_OFFS = 2.0
 """[1] Radii of beams over the way that the first order's edge walks off, below which brightness doesn't tell the beam.
 Evidence: a reason: such a beam's brightness is spread by as much as it is wide."""
+_LEAST_STRAY = 1.4
+"""[1] What a beam alone leaves of the brightness in held-out cells, over what it leaves beside stray light, above which
+there is stray light. Evidence: drawn benches: with stray light 1.5 and more, without 1.25 and less."""
 _LEAST_EXPLAINED = 0.2
 """[1] Of what even light leaves of the brightness in held-out cells, below which there is no beam. Evidence: drawn
 benches: beams of 0.3 to 1 of the modulator explained 0.70 and more."""
@@ -148,6 +151,11 @@ class Pictures:
     def half_m(self) -> float:
         """Half the longer side of the modulators, m."""
         return max(self.whole_shape) * self.captures.slms[0].pitch_m / 2
+
+    @property
+    def mean_light(self) -> float:
+        """Mean of all usable pixels, counts."""
+        return float(self.data.light[self.data.usable].mean())
 
     def predictor(self, light: Effect) -> Callable[..., Prediction]:
         """Predicts the pictures with an effect beside those of the registry."""
@@ -288,11 +296,13 @@ class NearBeam:
 
     pictures: whole ones. shape: numbers of a point; those of even light where nothing shows a beam; none where light
     walks off so far that brightness doesn't tell the beam. explained: share of the brightness that even light leaves.
+    stray: stray light beside a beam, counts; None where brightness doesn't tell.
     """
 
     pictures: Pictures
     shape: Mapping[str, float]
     explained: float
+    stray: float | None = None
 
     @classmethod
     def beside(cls, point: Point, pictures: Pictures, circle: Circle = _MIDDLE) -> NearBeam:
@@ -304,15 +314,23 @@ class NearBeam:
         side = max(_CELL_PX, min(captures.shape) // _MOST_CELLS)
         y, x = (_cell_means(positions(n, captures.camera.pitch_m), side) / pictures.half_m for n in captures.shape)
         measured, predicted = (_of_cells(light, usable, side) for light in (pictures.data.light, even))
-        beam, explained = beam_of_brightness(measured, predicted, y, x)
+        told = beam_of_brightness(measured, predicted, y, x)
+        beam = told.beam
         farthest_m = float(np.abs(captures.distance_m).max()) + (captures.gap_m or 0.0)
         walk_off = farthest_m * float(captures.wavelength_m.max()) / (2 * captures.slms[0].pitch_m) / pictures.half_m
         if min(beam.radius, 1.0) < _LEAST_WALK_OFFS * walk_off:
             return cls(pictures, NO_SHAPE, 0.0)
-        if explained < _LEAST_EXPLAINED:
+        if told.explained < _LEAST_EXPLAINED:
             return cls(pictures, _EVEN, 0.0)
         found = {"log_size": -math.log(beam.radius), "edge": beam.edge}
-        return cls(pictures, found | {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}, explained)
+        found |= {"centre_y": beam.centre[0], "centre_x": beam.centre[1]}
+        return cls(pictures, found, told.explained, told.stray if told.without_stray > _LEAST_STRAY else 0.0)
+
+    def numbers(self, pictures: Pictures) -> Mapping[str, float]:
+        """The numbers of a point that stay while other pictures of the same bench, perhaps parts, are compared."""
+        if self.stray is None:
+            return self.shape
+        return {**self.shape, "stray": self.stray / max(pictures.mean_light - self.stray, 1e-9)}
 
 
 class SpeckleSearch:
@@ -391,7 +409,7 @@ class SpeckleSearch:
 
     def is_free(self, part: str) -> bool:
         """Whether a part of the light is varied."""
-        return not (self.shape and part == "shape") and (self._has_second or PARTS[part] is not _SECOND)
+        return not {*PARTS[part]} <= {*self.shape} and (self._has_second or PARTS[part] is not _SECOND)
 
     def effect_values(self, point: Point, dropped: Collection[str]) -> dict[str, dict[str, float]]:
         """The values of effects that make the light of a point. dropped: parts that it doesn't have."""
@@ -418,8 +436,8 @@ class SpeckleSearch:
         if "unmodulated light" not in dropped:
             values["undiffracted"] = {"share": point["share"], "quadrature": point["quadrature"]}
         if "stray light" not in dropped:
-            mean = float(self._data.light[self._data.usable].mean())
-            values["camera_black"] = {"black": mean * point["stray"] / (1 + point["stray"])}
+            black = self._pictures.mean_light * point["stray"] / (1 + point["stray"])
+            values["camera_black"] = {"black": black}
         if self._has_second and not {*_SECOND} <= is_dropped:
             pitch_m = captures.slms[1].pitch_m
             values["slm_alignment"] = {f"shift_{axis}": point[f"second_{axis}"] * pitch_m for axis in "yx"}
@@ -506,7 +524,7 @@ def find_light(
     its parts; before there is one, the exception is passed on.
     """
     told, steps = "light on the modulator, by speckle", _STAGES + len(PARTS)
-    before, shape = SpeckleSearch(pictures).held_out(None), NO_SHAPE if beam is None else beam.shape
+    before, shape = SpeckleSearch(pictures).held_out(None), NO_SHAPE if beam is None else beam.numbers(part)
     found, was_ended = _sought(part, shape, lambda number: progress(number, steps, told), np.random.default_rng(seed))
     point, losses = found.point, dict[str, tuple[float, float]]()
     search = SpeckleSearch(pictures.scaled(found.lengths), found.circle, shape)
@@ -514,15 +532,14 @@ def find_light(
         point = _polished(search, point)
         if beam is not None and shape:
             beam = NearBeam.beside(point, beam.pictures.scaled(found.lengths), found.circle)
-            search.shape = beam.shape
+            search.shape = beam.numbers(pictures)
             point = search.ascend(point | dict(search.shape), 12, rate=0.5)[1]
         try:
             point, losses = without_superfluous(search, point, lambda number: progress(_STAGES + number, steps, told))
         except SearchEnded:
             was_ended = True
     dropped = [part for part, loss in losses.items() if not _is_needed(loss)]
-    if search.shape == _EVEN:
-        dropped.append("shape")
+    dropped += [name for name in ("shape", "stray light") if _is_absent(name, search.shape)]
     values = search.effect_values(point, dropped)
     captures, lengths = pictures.captures, found.lengths
     if captures.is_fourier:
@@ -693,6 +710,11 @@ def without_superfluous(
         needed = max(dropped, key=lambda name: losses[name][0])  # several stood for each other
         losses[needed] = together
     return point, losses
+
+
+def _is_absent(part: str, shape: Mapping[str, float]) -> bool:
+    """Whether the numbers that stay say that there is no such part."""
+    return all(shape.get(name) == value for name, value in PARTS[part].items())
 
 
 def _is_needed(loss: tuple[float, float]) -> bool:
