@@ -14,13 +14,18 @@ from benchmarks.real_benches import Drawn, draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
-from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import beam_of_brightness
 from holoview.bench.diagnose import speckle_evidence
-from holoview.bench.diagnose.config import RegionConfig
+from holoview.bench.diagnose.config import RegionConfig, SearchConfig
+from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.search_context import SearchEnded
-from holoview.bench.diagnose.speckle_evidence import describe_light, light_by_speckle, shows_a_beam, window_for_light
-from holoview.bench.diagnose.speckle_search import NOMINAL, NearBeam, Pictures
+from holoview.bench.diagnose.speckle_evidence import (
+    LightWindow,
+    describe_light,
+    light_by_speckle,
+    near_beam,
+    window_for_light,
+)
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import ProgressCallback, no_progress
 from tests.explored import explored
@@ -55,35 +60,50 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
     )
     captures = _captures(replace(drawn, bench=spoilt), tmp_path)
     window = window_for_light(captures, list(listed_effects()))
-    assert window is not None and np.array_equal(window.images, captures.images)  # near fields as they are
+    assert window is not None and np.array_equal(window.captures.images, captures.images)  # near fields as they are
     light = light_by_speckle(window, no_progress)
     assert light is not None and light.before < 0.6 and light.after > 0.95
     assert HALF_PX / light.values["beam"]["size"] == pytest.approx(RADIUS_PX, rel=0.2)
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
 
 
+SMALL_PARTS = RegionConfig(side_px=40, further_px=8)
+
+
+def _large(pictures: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Captures:
+    """Pictures whose light is sought in parts, of a beam with a radius of 70 pixels."""
+    monkeypatch.setattr(speckle_evidence, "_MOST_NEAR_PX", 96 * 128 - 1)
+    drawn = replace(_nominal("near", 1, (192, 256)), pictures=pictures)
+    beam, stroke_m = Beam(70.0, 2.0, (20.0, -30.0)), drawn.bench.stroke_m * STROKE
+    spoilt = replace(drawn.bench, beam=beam, wave=WAVE, wave_radius_px=70.0, stroke_m=stroke_m)
+    return _captures(replace(drawn, bench=spoilt), folder)
+
+
 def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in whole pictures; a wavefront over the whole beam is one in all of its parts."""
-    monkeypatch.setattr(speckle_evidence, "_MOST_NEAR_PX", 96 * 128 - 1)
-    drawn = _nominal("near", 1, (192, 256))
-    radius_px = 70.0
-    spoilt = replace(
-        drawn.bench,
-        beam=Beam(radius_px, 2.0, (20.0, -30.0)),
-        wave=WAVE,
-        wave_radius_px=radius_px,
-        stroke_m=drawn.bench.stroke_m * STROKE,
-    )
-    captures = _captures(replace(drawn, bench=spoilt), tmp_path)
-    window = window_for_light(captures, list(listed_effects()))
+    window = window_for_light(_large(2, tmp_path, monkeypatch), list(listed_effects()))
     assert window is not None
-    light = light_by_speckle(window, no_progress, RegionConfig(side_px=40, further_px=8))
+    light = light_by_speckle(window, no_progress, SMALL_PARTS)
     assert light is not None and light.is_of_parts and "five parts" in describe_light(light)
     assert light.before < 0.8 and light.after > 0.95
-    assert 128 / light.values["beam"]["size"] == pytest.approx(radius_px, rel=0.05)
+    assert 128 / light.values["beam"]["size"] == pytest.approx(70.0, rel=0.05)
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.05)
+
+
+@pytest.mark.parametrize("pictures", explored([1, 2], 1))
+def test_light_in_parts_is_fitted_there_and_judged_in_whole_pictures(
+    pictures: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The beam and the stroke are named, of one picture too, and nothing that isn't there."""
+    captures = _large(pictures, tmp_path, monkeypatch)
+    found = diagnose(captures, config=SearchConfig(region=SMALL_PARTS))
+    named = {cause.effect: cause.intervals for cause in found.causes}
+    assert {"beam", "stroke"} <= named.keys() <= {"beam", "stroke", "camera_alignment", "distance"}
+    assert found.after.chi2_per_pixel < found.before.chi2_per_pixel / 10
+    assert 1 + named["stroke"]["stroke_error"].value == pytest.approx(STROKE, rel=0.03)
+    assert 128 / named["beam"]["size"].value == pytest.approx(70.0, rel=0.03)
 
 
 @pytest.mark.parametrize("stray", [0.0, 12.0])
@@ -93,7 +113,7 @@ def test_brightness_tells_stray_light_beside_a_beam(stray: float, tmp_path: Path
     spoilt = replace(drawn.bench, beam=Beam(40.0, 2.0, (5.0, -8.0)), stroke_m=drawn.bench.stroke_m * STROKE)
     captures = _captures(replace(drawn, bench=spoilt), tmp_path)
     captures = replace(captures, images=np.minimum(captures.images + stray, captures.camera.saturation))
-    light = light_by_speckle(captures, no_progress)
+    light = light_by_speckle(LightWindow(captures, near_beam(captures), True), no_progress)
     assert light is not None
     found = light.values.get("camera_black", {"black": 0.0})["black"]
     assert found == pytest.approx(stray, rel=0.1) if stray else found == 0.0
@@ -138,7 +158,8 @@ def test_a_second_modulator_out_of_its_place_is_found_beside_a_beam_and_a_wrong_
         second_px=(-0.25, 1.25),
         gap_m=drawn.bench.gap_m * gap_factor,
     )
-    light = light_by_speckle(_captures(replace(drawn, bench=spoilt), tmp_path), no_progress)
+    captures = _captures(replace(drawn, bench=spoilt), tmp_path)
+    light = light_by_speckle(LightWindow(captures, near_beam(captures), True), no_progress)
     assert light is not None and light.after > 0.95
     place_m = light.values["slm_alignment"]
     found_px = np.array([place_m["shift_y"], place_m["shift_x"]]) / drawn.bench.pitch_m
@@ -152,7 +173,8 @@ def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> N
     """Between its kicks: all parts are handed on, as nothing has judged them; earlier there is nothing to keep."""
     drawn = _nominal("near", 1)
     beam = Beam(RADIUS_PX, 2.0, (2.0, -4.0))
-    window = _captures(replace(drawn, bench=replace(drawn.bench, beam=beam, stroke_m=0.7e-6)), tmp_path)
+    captures = _captures(replace(drawn, bench=replace(drawn.bench, beam=beam, stroke_m=0.7e-6)), tmp_path)
+    window = LightWindow(captures, near_beam(captures), True)
 
     def end_at(most: int) -> ProgressCallback:
         def progress(done: int, total: int, what: str) -> None:
@@ -194,8 +216,8 @@ def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) 
     stroke_m = drawn.bench.stroke_m * STROKE
     spoilt = replace(drawn.bench, beam=beam, wave=WAVE, wave_radius_px=radius_px, stroke_m=stroke_m)
     captures = _captures(replace(drawn, bench=spoilt), tmp_path)
-    beam_found = NearBeam.beside(NOMINAL, Pictures(prepare_captures(captures)))
-    assert beam_found.explained > 0.5 and shows_a_beam(captures)
+    beam_found = near_beam(captures)
+    assert beam_found is not None and beam_found.explained > 0.5
     shape = beam_found.shape
     found_px = np.array([math.exp(-shape["log_size"]), shape["centre_y"], shape["centre_x"]]) * 64
     np.testing.assert_allclose(found_px, [radius_px, *centre_px], atol=0.15 * radius_px)
@@ -207,7 +229,8 @@ def test_even_light_has_no_beam(kind: str, tmp_path: Path) -> None:
     drawn = _nominal(kind, 1, (96, 128))
     bench = replace(drawn.bench, wave=WAVE, wave_radius_px=64.0, stroke_m=drawn.bench.stroke_m * STROKE)
     captures = _captures(replace(drawn, bench=bench), tmp_path)
-    assert not shows_a_beam(captures)
+    found = near_beam(captures)
+    assert found is not None and found.explained == 0
 
 
 def test_a_beam_is_found_exactly_where_brightness_shows_nothing_else() -> None:

@@ -54,8 +54,9 @@ from holoview.bench.diagnose.sampling_choice import (
     with_noise_of_residuals,
 )
 from holoview.bench.diagnose.screening import LOCAL_MAX_ERROR
-from holoview.bench.diagnose.search import InitialCandidates
+from holoview.bench.diagnose.search import InitialCandidates, Refit
 from holoview.bench.diagnose.search_context import (
+    NEVER,
     BestSoFar,
     NeighbourVariances,
     PerThreadPredictor,
@@ -71,9 +72,9 @@ from holoview.bench.diagnose.single_capture import ONE_PICTURE_NOTE, with_one_pi
 from holoview.bench.diagnose.speckle_evidence import (
     FAR_CHI2,
     NEAR_CORRELATION,
+    LightWindow,
     describe_light,
     light_by_speckle,
-    shows_a_beam,
     window_for_light,
 )
 from holoview.bench.diagnose.speckle_search import FoundLight, with_or_without_unmodulated
@@ -219,13 +220,12 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     def told(diagnosis: Diagnosis, notes: tuple[str, ...] = ()) -> Diagnosis:
         return replace(diagnosis, notes=(*diagnosis.notes, *notes, *(f"{text}." for text in said)))
 
-    is_first = window is not None and (captures.is_fourier or shows_a_beam(window))  # where single causes mislead
-    judged = None if window is None or not is_first else of_light(window)
+    judged = of_light(window) if window is not None and window.is_first else None
     if judged is not None and (
         captures.is_fourier or not _is_far(judged) or request.is_asked or has_time.is_nearly_over
     ):
         return told(judged)
-    is_later = window is not None and not is_first
+    is_later = window is not None and not window.is_first
     usual, notes = _search_causes(captures, records, has_time.left(_USUAL_SHARE if is_later else 1.0))
     if window is not None and is_later and _is_far(usual) and not request.is_asked:
         judged = of_light(window)
@@ -274,7 +274,7 @@ def _search_causes(captures: Captures, records: CheckedRecords, request: _Reques
 
 
 def _search_light(
-    records: CheckedRecords, window: Captures, has_time: _Clock, tell: Callable[[str], None]
+    records: CheckedRecords, window: LightWindow, has_time: _Clock, tell: Callable[[str], None]
 ) -> Diagnosis | None:
     """The diagnosis in a window by the light that is found by speckle; None where none is, or the time ends before."""
     request, began = has_time.left(), time.monotonic()
@@ -291,7 +291,7 @@ def _search_light(
     except SearchEnded:
         tell("The search by speckle was ended before it had found the light")
         return None
-    return None if light is None else _search(replace(records, captures=window), has_time.left(), 1.0, light)
+    return None if light is None else _search(replace(records, captures=window.captures), has_time.left(), 1.0, light)
 
 
 @dataclass(frozen=True)
@@ -323,12 +323,11 @@ def _prepare(
     whole, notes = prepare_search(captures, useless, request.candidates, request.known, request.sampling, config, pool)
     whole = _limited(whole, request, share)
     whole = replace(whole, has_open_sampling=request.has_open_sampling, left_by_samples=request.left_by_samples)
-    middle, parts = None, None
-    if light is None:
-        with whole.measuring_pace():
-            middle = middle_of_context(whole)
-        if middle is not None:
-            parts = parts_of_context(whole, middle.data.captures, request.known)
+    with whole.measuring_pace():
+        middle = middle_of_context(whole)
+    parts = None
+    if middle is not None and light is None:
+        parts = parts_of_context(whole, middle.data.captures, request.known)
     weighted = PerThreadPredictor(partial(whole.predictor.create, has_weighted_stops=True))
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
@@ -466,7 +465,10 @@ def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCa
     if context is whole:
         outcome = judge(whole, found, search)
     else:
-        outcome = _judged_whole(whole, found, found, True, judge, progress)
+        outcome = _judged_whole(whole, found, found, True, Refit.NEVER, judge, progress)
+        if (middle := prepared.middle) is not None:
+            middle = replace(middle, missing_light=context.missing_light, end=NEVER)
+        outcome = replace(outcome, middle=middle)
     outcome = replace(outcome, notes=[*outcome.notes, describe_light(light)])
     if outcome.decision.verdict is not Verdict.PARTLY or outcome.decision.best is None:
         return outcome
@@ -507,7 +509,8 @@ def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: T
     fitted = None
     if is_corrected and prepared.parts is not None:
         fitted = _fitted_to_parts(whole, replace(prepared.parts, missing_light=missing), first, found, progress)
-    outcome = _judged_whole(whole, found, fitted, is_corrected, judge, progress)
+    refit = Refit.ALWAYS if fitted is None else Refit.UNLESS_EXPLAINED
+    outcome = _judged_whole(whole, found, fitted, is_corrected, refit, judge, progress)
     is_of_parts = outcome.fitted is not None
     how = "five parts fitted them, whole ones judged" if is_of_parts else "whole pictures fitted and judged them"
     return replace(outcome, notes=list(dict.fromkeys([*found.notes, *outcome.notes, f"{where}; {how}."])))
@@ -518,6 +521,7 @@ def _judged_whole(
     found: SearchOutcome,
     fitted: SearchOutcome | None,
     is_corrected: bool,
+    refit: Refit,
     judge: Callable[..., SearchOutcome],
     progress: ProgressCallback,
 ) -> SearchOutcome:
@@ -530,7 +534,7 @@ def _judged_whole(
     whole = replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
     last = fitted or found
     explains = last.decision.verdict not in _OPEN
-    initial = InitialCandidates(_named_fits(last), explains, is_corrected, are_fitted=fitted is not None)
+    initial = InitialCandidates(_named_fits(last), explains, is_corrected, refit)
     refine = partial(search_once, whole, progress=progress, initial=initial)
     outcome = judge(whole, refine(found.context.left_out), refine)
     if outcome.result.best.causes == found.result.best.causes:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 from functools import partial
 
 import numpy as np
@@ -110,18 +111,26 @@ _RERANKED_EXCESS = 0.1  # [χ²/n]
 _EXPLAINED = (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 
 
+class Refit(Enum):
+    """Whether the causes of a first search are fitted again to the pictures of a further one, unless it is thorough."""
+
+    ALWAYS = auto()
+    UNLESS_EXPLAINED = auto()
+    NEVER = auto()
+
+
 @dataclass(frozen=True)
 class InitialCandidates:
     """The causes that a first search suggests for a further one. fits: the best first, then its rivals. are_searched:
-    whether effects are searched beside them. over_field_only: only those that vary over the field. are_fitted: whether
-    their values were fitted to parts of these pictures; the fit is then repeated on whole pictures only if these values
-    don't explain them. has_fine: whether their secondary parameters are fitted too.
+    whether effects are searched beside them. over_field_only: only those that vary over the field. refit: whether
+    values that were fitted to parts of these pictures are fitted to whole ones, and effects searched beside them.
+    has_fine: whether their secondary parameters are fitted too.
     """
 
     fits: tuple[CandidateFit, ...]
     are_searched: bool
     over_field_only: bool = False
-    are_fitted: bool = False
+    refit: Refit = Refit.ALWAYS
     has_fine: bool = False
 
 
@@ -163,7 +172,10 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
     further = _effects_beside(context, initial)
     progress(0, 1, "causes of the first search")
     result = rank_on_held_out(context, initial.fits)
-    if initial.are_fitted and math.isfinite(context.field_budget) and _is_explained(context, result):
+    stands = initial.refit is Refit.NEVER or (
+        initial.refit is Refit.UNLESS_EXPLAINED and _is_explained(context, result)
+    )
+    if stands and math.isfinite(context.field_budget):
         return result
     if initial.fits:
         fine = initial.has_fine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,8 +43,21 @@ _OF_TWO = "gap", "slm_alignment"
 _CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
 
 
-def window_for_light(captures: Captures, effects: Collection[str]) -> Captures | None:
+@dataclass(frozen=True)
+class LightWindow:
     """The window of a few pictures in which light may be sought by speckle and causes judged.
+
+    beam: what brightness tells on the nominal bench; None on a Fourier bench. is_first: whether several causes are so
+    large that single ones would mislead, so that light is sought before these.
+    """
+
+    captures: Captures
+    beam: NearBeam | None
+    is_first: bool
+
+
+def window_for_light(captures: Captures, effects: Collection[str]) -> LightWindow | None:
+    """The window in which light may be sought by speckle.
 
     effects: ids of the candidates. None where there are many pictures or the nominal bench is near, and where a cause
     that this search may name isn't a candidate: then a search by derivatives does better, or has to say so.
@@ -55,27 +69,35 @@ def window_for_light(captures: Captures, effects: Collection[str]) -> Captures |
         return None
     window = window_of(captures, _WINDOW_PX)
     data = prepare_captures(window)
-    is_near = _nominal_chi2(data) < FAR_CHI2 or SpeckleSearch(Pictures(data)).held_out(None) > _STANDING
-    return None if is_near else window
+    if _nominal_chi2(data) < FAR_CHI2:
+        return None
+    beam, stands = near_beam(window), SpeckleSearch(Pictures(data)).held_out(None) > _STANDING
+    has_beam = beam is not None and beam.explained > 0
+    if stands and not has_beam:
+        return None
+    return LightWindow(window, beam, is_first=beam is None or (has_beam and not stands))
 
 
-def shows_a_beam(window: Captures) -> bool:
-    """Whether the brightness of near fields shows a beam. Then several causes are large at once."""
-    return not window.is_fourier and NearBeam.beside(NOMINAL, _brightest(window)).explained > 0
+def near_beam(window: Captures) -> NearBeam | None:
+    """What the brightness of near fields tells of the beam on the nominal bench; None on a Fourier bench."""
+    return None if window.is_fourier else NearBeam.beside(NOMINAL, _brightest(window))
 
 
-def light_by_speckle(window: Captures, progress: ProgressCallback, config: RegionConfig = _REGION) -> FoundLight | None:
+def light_by_speckle(
+    window: LightWindow, progress: ProgressCallback, config: RegionConfig = _REGION
+) -> FoundLight | None:
     """The light that makes the speckle of a window stand; None where none does. config: how large parts are."""
-    if window.is_fourier:
-        whole, part = (Pictures(prepare_captures(one)) for one in (window, window_of(window, _PART_PX)))
+    captures, beam = window.captures, window.beam
+    if beam is None:
+        whole, part = (Pictures(prepare_captures(one)) for one in (captures, window_of(captures, _PART_PX)))
         found = find_light(whole, part, progress)
     else:
-        beam = NearBeam.beside(NOMINAL, _brightest(window))
         pictures = beam.pictures
-        if window.levels[0].size > _MOST_NEAR_PX:
+        if captures.levels[0].size > _MOST_NEAR_PX:
             pictures = _parts(pictures.data, beam, config)
         found = find_light(pictures, pictures, progress, beam)
-    return found if found.after > max(found.before + _GAIN, _LEAST) else None
+    gain = 0.0 if beam is not None and beam.explained > 0 else _GAIN  # where brightness gains, speckle may stand before
+    return found if found.after > max(found.before + gain, _LEAST) else None
 
 
 def _parts(data: PreparedCaptures, beam: NearBeam, config: RegionConfig) -> Pictures:
