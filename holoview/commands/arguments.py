@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from holoview.commands.console import print_stderr
-from holoview.commands.output_files import add_input
+from holoview.commands.output_files import add_input, add_output
 from holoview.holograms.files.pictures import png_texts
 from holoview.holograms.hologram import system_name_of
 from holoview.holograms.targets.framing import FILL, Framing
@@ -23,7 +23,20 @@ from holoview.light.model.effects.registry import (
     EffectValues,
     load_user_effects,
 )
-from holoview.light.model.fields import Integer, Maybe, Number, Several, Word, fields_by_key
+from holoview.light.model.fields import (
+    Duration,
+    FileContent,
+    Integer,
+    Maybe,
+    Number,
+    Several,
+    Shape,
+    Truth,
+    Word,
+    WrittenFile,
+    fields_by_key,
+    flag_of,
+)
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
@@ -32,8 +45,6 @@ from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.tables import parse_toml_value
 from holoview.util.text import plain_name, printable
-
-_SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effects: bool = True) -> None:
@@ -186,11 +197,11 @@ def parse_range(text: str, flag: str) -> tuple[float, float]:
 
 
 def parse_duration(text: str) -> float:
-    """Seconds from text such as "90", "90s", "10min" or "1.5h", as an argparse type."""
-    match = re.fullmatch(r"(\d++(?:\.\d*+)?|\.\d++)\s*+(s|min|h|)", text.strip())
-    if match is None or float(match[1]) == 0:
-        raise argparse.ArgumentTypeError(f"{text}; expected a time such as 90s, 10min or 1.5h")
-    return float(match[1]) * _SECONDS[match[2]]
+    """An argparse type: seconds from text as a `Duration` takes it."""
+    try:
+        return Duration().parse(text, "")
+    except UserError as error:
+        raise argparse.ArgumentTypeError(f"{error.found}; expected {error.expected}") from None
 
 
 def parse_effects(texts: list[str]) -> dict[str, dict[str, float]]:
@@ -307,14 +318,17 @@ def add_fields(
     *keys: str,
     more_words: tuple[str, ...] = (),
     notes: Mapping[str, str] | None = None,
+    defaults: Mapping[str, Any] | None = None,
 ) -> None:
     """Adds a flag for each of some fields; its value is None where it isn't given. `given_fields` makes the values.
 
-    more_words: that a flag takes beside those of its field. notes: for the end of a flag's help.
+    more_words: that a flag takes beside those of its field. notes: for the end of a flag's help. defaults: values of
+    flags that aren't given, in place of None.
     """
-    known = fields_by_key(description)
+    known, defaults = fields_by_key(description), defaults or {}
     for key in keys:
         field = known[key]
+        add: Callable[..., Any] = group.add_argument
         options: dict[str, Any] = {"metavar": "TEXT"}
         kind: Any = field.metadata["kind"]
         kind = kind.item if isinstance(kind, Maybe) else kind
@@ -334,26 +348,54 @@ def add_fields(
         elif isinstance(kind, Number):
             metavar = (unit or field.name[len(key) + 1 :] or key).upper()
             options = {"type": _in_unit(unit) if unit else number(), "metavar": metavar}
-        text = f"{field.metadata['doc']} {_default_text(field.default, unit)}{(notes or {}).get(key, '')}".strip()
-        group.add_argument(f"--{key.replace('_', '-')}", **options, help=text.replace("%", "%%"))
+        elif isinstance(kind, Shape):
+            options = {"type": whole(2, kind.most), "nargs": 2, "metavar": "N"}
+        elif isinstance(kind, Duration):
+            options = {"type": parse_duration, "metavar": "TIME"}
+        elif isinstance(kind, Truth):
+            options = {"action": "store_true"}
+        elif isinstance(kind, WrittenFile):
+            add, options = partial(add_output, group), {"metavar": "FILE", "suffix": kind.suffix}
+        elif isinstance(kind, FileContent):
+            add, options = partial(add_input, group), {"metavar": "FILE", "type": Path}
+        default = _default_text(defaults.get(key, field.default), kind, unit)
+        text = f"{field.metadata['doc']} {default}{(notes or {}).get(key, '')}".strip()
+        if key in defaults:
+            options["default"] = defaults[key]
+        add(flag_of(field), **options, help=text.replace("%", "%%"))
 
 
 def _in_unit(unit: str) -> Callable[[str], float]:
-    """An argparse type: a number of some unit, in SI units."""
-    scale, parse = units.parse(f"1 {unit}", "unit", units.quantity_of(unit)), number()
-    return lambda text: parse(text) * scale
+    """An argparse type: a number of some unit, or text with a unit of its quantity, in SI units."""
+    quantity = units.quantity_of(unit)
+    scale, parse_number = units.parse(f"1 {unit}", "unit", quantity), number()
+
+    def parse(text: str) -> float:
+        if not text[-1:].isalpha():
+            return parse_number(text) * scale
+        try:
+            return units.parse(text, "", quantity)
+        except UserError as error:
+            raise argparse.ArgumentTypeError(f"{error.found}; expected {error.expected}") from None
+
+    return parse
 
 
-def _default_text(default: Any, unit: str) -> str:
-    """A default in parentheses; "" for none."""
+def _default_text(default: Any, kind: Any, unit: str) -> str:
+    """A default in parentheses; "" for none, no limit and what isn't switched on."""
     values = default if isinstance(default, tuple) else (default,)
-    shown = [units.format_rounded(value, unit) if unit else str(value) for value in values if value not in (None, "")]
+    values = tuple(value for value in values if value not in (None, "", math.inf) and value is not False)
+    if isinstance(kind, Duration):
+        shown = [units.format_duration(value) for value in values]
+    else:
+        shown = [units.format_rounded(value, unit) if unit else str(value) for value in values]
     return f"(default {', '.join(shown)})" if shown else ""
 
 
 def given_fields(args: argparse.Namespace, description: type[Any]) -> dict[str, Any]:
     """The values of the flags of `add_fields` that were given, by the names of their fields."""
-    values = {field.name: getattr(args, key, None) for key, field in fields_by_key(description).items()}
+    flags = {field.name: flag_of(field) for field in fields_by_key(description).values()}
+    values = {name: getattr(args, flag[2:].replace("-", "_"), None) for name, flag in flags.items()}
     return {name: value for name, value in values.items() if value is not None}
 
 

@@ -33,6 +33,7 @@ from holoview.commands.console import deferred_interrupt, print_json, print_stde
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
 from holoview.holograms.optimise.parallel import thread_count, torch_threads
 from holoview.light.model import preset
+from holoview.light.model.fields import fields_by_key, flag_of
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
@@ -76,14 +77,13 @@ def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], 
 
 
 # destinations in argparse's namespace of the options that only this form of the command has
-_SETTINGS = ("epochs", "batch", "rate", "seed", "finer", "padding", "points")
-_CAPTURES_OPTIONS = (*_SETTINGS, "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
+_SETTINGS = tuple(flag_of(field)[2:].replace("-", "_") for field in fields_by_key(CalibrationSettings).values())
+_CAPTURES_OPTIONS = (*_SETTINGS, "pixels_a_node", "pictures", "checkpoint", "resume")
 
 
 def _add_captures_options(group: argparse._ArgumentGroup) -> None:
     """Adds the options for a calibration from captures."""
-    add_fields(group, CalibrationSettings, *_SETTINGS)
-    group.add_argument("--held-out", type=number(), metavar="SHARE", help="of captures that only judge (default 0.2)")
+    add_fields(group, CalibrationSettings, *fields_by_key(CalibrationSettings))
     group.add_argument(
         "--pixels-a-node", type=whole(1, 1000), metavar="N", help="how coarse the source's maps are (default 8)"
     )
@@ -124,7 +124,7 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
 
 def _prepare_task(args: argparse.Namespace, file: Path) -> CalibrationTask:
     """Reads the captures and makes everything from the arguments. Prints notes on what the captures can't show."""
-    settings = given_fields(args, CalibrationSettings) | ({} if args.held_out is None else {"share": args.held_out})
+    settings = given_fields(args, CalibrationSettings)
     start = None if args.preset is None else preset.load(args.preset)
     captures = with_clipped_as_saturated(read_captures(file), lambda text: print_stderr(f"note: {text}"))
     captures.nominal_system().require_short_form("a calibration")

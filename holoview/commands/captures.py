@@ -34,16 +34,18 @@ from holoview.bench.captures.validation import capture_sheet, summarise
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands.arguments import (
     add_effects,
+    add_fields,
     add_system,
+    given_fields,
     number,
     parse_effects,
-    parse_seed,
     system_from_args,
     whole,
 )
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output
 from holoview.holograms.files.pictures import write_png
+from holoview.light.model.fields import fields_by_key, flag_of, validate
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
@@ -123,41 +125,22 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
     add_system(parser, effects=False)
     add_effects(parser)
     add_output(parser, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
-    parser.add_argument(
-        "--each", type=whole(1, 100_000), default=8, help="captures of every wavelength and plane (default 8)"
-    )
-    parser.add_argument("--seed", type=parse_seed, default=0, help="of patterns and noise (default 0)")
-    parser.add_argument("--focal-length", metavar="LENGTH", help="a Fourier bench with a lens of that focal length")
-    parser.add_argument(
-        "--camera-pitch", metavar="LENGTH", help="referred to the modulators (default: the simulation's)"
-    )
-    parser.add_argument(
-        "--camera-shape", metavar="N", type=whole(2, 65536), nargs=2, help="rows and columns of the camera"
-    )
-    parser.add_argument(
-        "--finer", type=whole(1, 64), default=1, help="times finer sampling than the model's (default 1)"
+    add_fields(
+        parser,
+        AcquisitionSettings,
+        *("captures_per_condition", "seed", "focal_length", "camera_pitch", "camera_shape", "finer"),
     )
     jitter = parser.add_argument_group("what varies by itself (standard deviations)")
-    jitter.add_argument("--exposure-jitter", metavar="SHARE", type=number(0, 1), default=0.0)
-    jitter.add_argument("--prnu", metavar="SHARE", type=number(0, 1), default=0.0, help="of the camera's pixels")
-    jitter.add_argument("--camera-jitter", metavar="LENGTH", default="0 um")
-    jitter.add_argument("--wavelength-jitter", metavar="LENGTH", default="0 nm")
+    add_fields(jitter, Nuisances, *fields_by_key(Nuisances))
     parser.set_defaults(run=_make)
 
 
 def _make(args: argparse.Namespace) -> int:
     """Simulates captures of a preset with its effects and those of `--effects`; the file states the nominal bench."""
-    settings = AcquisitionSettings(
-        captures_per_condition=args.each,
-        seed=args.seed,
-        finer=args.finer,
-        focal_length_m=None if args.focal_length is None else _length(args, "focal_length"),
-        camera_pitch_m=None if args.camera_pitch is None else _length(args, "camera_pitch"),
-        camera_shape=None if args.camera_shape is None else (args.camera_shape[0], args.camera_shape[1]),
-        nuisances=Nuisances(
-            args.exposure_jitter, args.prnu, _length(args, "camera_jitter"), _length(args, "wavelength_jitter")
-        ),
-    )
+    nuisances = Nuisances(**given_fields(args, Nuisances))
+    settings = AcquisitionSettings(**given_fields(args, AcquisitionSettings), nuisances=nuisances)
+    validate(nuisances, flag_of)
+    validate(settings, flag_of)
     effects = parse_effects(args.effects)
     system = system_from_args(args)
     with progress_bar("measuring") as report:

@@ -7,7 +7,6 @@ cause is certain.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import math
 import time
@@ -29,12 +28,13 @@ from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.bench.experiment.closed_loop import LoopResult, LoopSettings, diagnose_rig
 from holoview.bench.experiment.rig_bench import KnownEffects
 from holoview.bench.rig.registration import read_registration
-from holoview.commands.arguments import add_fields, given_fields, number, parse_duration, parse_effects, whole
+from holoview.commands.arguments import add_fields, given_fields, parse_duration, parse_effects, whole
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
 from holoview.light.model import preset
 from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import load_user_effects
+from holoview.light.model.fields import fields_by_key, flag_of, validate
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
@@ -198,7 +198,7 @@ def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _
         captures, result = diagnose_rig(
             args.rig,
             _known(args.known),
-            _settings(args),
+            LoopSettings(**given_fields(args, LoopSettings)),
             user_effects,
             args.save,
             progress=progress,
@@ -311,26 +311,12 @@ def _print_diagnosis(found: Diagnosis, source: str, written: list[Path]) -> None
 # --- `--rig`: captures taken one by one, each chosen by what is still open ---
 
 
-_SETTINGS = LoopSettings()
-_OPTIONS = ("save", "certainty", "most_captures", "bench_time")
-
-
 def add_rig_options(parser: argparse.ArgumentParser) -> None:
     """Adds --rig and what belongs to it."""
     group = parser.add_argument_group("captures that are taken, in place of a file")
     add_input(group, "--rig", metavar="RIG.toml", help="take captures with this rig until the cause is certain")
     add_output(group, "-o", "--save", metavar="FILE.h5", suffix=".h5", help="keep the captures; a loop goes on there")
-    group.add_argument(
-        "--certainty", metavar="P", type=number(0, 1), help="probability at which to stop (default: 0.99)"
-    )
-    group.add_argument(
-        "--captures",
-        dest="most_captures",
-        metavar="N",
-        type=whole(1),
-        help=f"take at most so many (default: {_SETTINGS.max_captures})",
-    )
-    group.add_argument("--bench-time", metavar="TIME", type=parse_duration, help="take captures for at most so long")
+    add_fields(group, LoopSettings, *fields_by_key(LoopSettings))
 
 
 def check_rig_options(args: argparse.Namespace) -> None:
@@ -338,20 +324,10 @@ def check_rig_options(args: argparse.Namespace) -> None:
     if (args.file is None) == (args.rig is None):
         found = "both are given" if args.rig is not None else "neither is given"
         raise UserError("CAPTURES.h5 or --rig", found, expected="one of them")
-    for name in _OPTIONS:
-        if args.rig is None and getattr(args, name) is not None:
-            flag = {"most_captures": "--captures", "bench_time": "--bench-time"}.get(name, f"--{name}")
-            raise UserError(flag, "is of captures that are taken", expected="--rig RIG.toml with it")
+    settings = given_fields(args, LoopSettings)
+    flags = [flag_of(field) for field in fields_by_key(LoopSettings).values() if field.name in settings]
+    if args.rig is None and (flags := ["--save"] * (args.save is not None) + flags):
+        raise UserError(flags[0], "is of captures that are taken", expected="--rig RIG.toml with it")
     if args.rig is not None and args.preset is not None:
         raise UserError("--preset", "together with --rig", remedy="state the geometry in rig.toml")
-    if args.certainty is not None and not 0.5 <= args.certainty < 1:
-        raise UserError("--certainty", f"{args.certainty:g}", expected="0.5 or more, below 1")
-
-
-def _settings(args: argparse.Namespace) -> LoopSettings:
-    given = {
-        "certainty": args.certainty,
-        "max_captures": args.most_captures,
-        "bench_time_s": args.bench_time,
-    }
-    return dataclasses.replace(_SETTINGS, **{name: value for name, value in given.items() if value is not None})
+    validate(LoopSettings(**settings), flag_of)

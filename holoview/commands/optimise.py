@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import math
 import re
 import time
 from collections.abc import Iterator
@@ -28,7 +27,6 @@ from holoview.commands.arguments import (
     default_output,
     given_fields,
     number,
-    parse_duration,
     parse_region,
     system_from_args,
     warn_of_camera_effects,
@@ -88,6 +86,7 @@ from holoview.holograms.targets.target import Placement, target_for
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.light.model.chain_numbers import flattered_by
 from holoview.light.model.elements import ElementsField, Mask, PhaseModulator
+from holoview.light.model.fields import fields_by_key
 from holoview.light.model.focus import parse_plane, plane_label, required_eye
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -273,54 +272,11 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_running(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--method",
-        choices=METHODS,
-        default=METHODS[0],
-        help="adam: the optimiser's own; double-phase (a closed form) and gerchberg-saxton, to compare with",
-    )
-    group.add_argument(
-        "--modulator",
-        metavar="NAME",
-        default="",
-        help="which one double-phase or gerchberg-saxton drives, by its name in `holoview info`; the first if absent. "
-        "The others stay as --start has them, or flat",
-    )
     step = f"; {CAMERA_STEP_RAD} with the camera"
     notes = {"iterations": f"; {FIRST_ITERATIONS} of a film's first picture", "step": step}
     add_fields(group, Settings, "iterations", "step", "seed", "begin", notes=notes)
-    add_input(group, "--start", metavar="FILE", help="a hologram file whose patterns to begin with")
-    group.add_argument(
-        "--grid",
-        choices=("compact", "preset"),
-        default="compact",
-        help="compact (default): padded just enough, about twice as fast; the score uses the preset's own grid",
-    )
-    group.add_argument("--device", default="auto", help="cpu, cuda, cuda:1, mps, or auto: the fastest there is")
-    group.add_argument(
-        "--sharded",
-        action="store_true",
-        help="share the lasers among the processes that torchrun started: torchrun --nproc-per-node 2 -m holoview "
-        "optimise … --sharded; each takes a GPU of its own where there are",
-    )
-    group.add_argument(
-        "--until-psnr", metavar="DB", type=number(0, 1000), default=math.inf, help="stop when it is this good"
-    )
-    group.add_argument(
-        "--time", metavar="TIME", type=parse_duration, default=math.inf, help="stop after this long, e.g. 90s, 10min"
-    )
-    add_output(
-        group,
-        "--checkpoint",
-        metavar="FILE",
-        suffix=".safetensors",
-        help="write all that goes on from here, now and then",
-    )
-    group.add_argument("--checkpoint-every", metavar="TIME", type=parse_duration, default=30.0, help="default 30s")
-    add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
-    add_output(
-        group, "--preview", metavar="FILE", suffix=".png", help="PNG of the middle plane, rewritten while it runs"
-    )
+    defaults = {"method": METHODS[0], "device": "auto"}
+    add_fields(group, RunOptions, *fields_by_key(RunOptions), defaults=defaults)
 
 
 def _add_result(group: argparse._ArgumentGroup) -> None:
@@ -397,26 +353,16 @@ def _region_or_margin(args: argparse.Namespace, system: System) -> Region | None
 
 def _run_options(args: argparse.Namespace) -> RunOptions:
     """How to run. Raises UserError for limits that aren't positive and files that can't be read or written."""
-    if not args.until_psnr > 0:
-        raise UserError("--until-psnr", f"{args.until_psnr:g}", expected="a positive number")
     if args.resume and args.start:
         raise UserError("--resume with --start", "contradict each other", expected="one of them")
-    checkpoint = args.checkpoint or args.resume
     device = resolve_torch_device(args.device)
-    return RunOptions(
-        method=args.method,
-        modulator=args.modulator,
-        grid=args.grid,
-        device=device_for_rank(device) if args.sharded else device,
-        sharded=args.sharded,
-        initial_hologram=None if args.start is None else load_hologram(args.start),
-        resume=None if args.resume is None or args.rig is not None else load_checkpoint(args.resume),
-        checkpoint=checkpoint,
-        checkpoint_interval_s=args.checkpoint_every,
-        preview=args.preview,
-        stop_psnr_db=args.until_psnr,
-        time_limit_s=args.time,
-    )
+    given = given_fields(args, RunOptions) | {
+        "device": device_for_rank(device) if args.sharded else device,
+        "initial_hologram": None if args.start is None else load_hologram(args.start),
+        "resume": None if args.resume is None or args.rig is not None else load_checkpoint(args.resume),
+        "checkpoint": args.checkpoint or args.resume,
+    }
+    return RunOptions(**given)
 
 
 def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.0) -> TargetSource:

@@ -6,7 +6,6 @@ when the program ends. The time at which a process began tells it apart from a l
 process_cpu_count   processors of the affinity mask, fewer where a container grants less of their time
 group_folders       Linux's control groups, which limit the resources of a process
 share_the_machine   how torch's threads wait for each other: to be set before torch is loaded
-LatestTask          a worker thread that runs only the latest request
 """
 
 from __future__ import annotations
@@ -19,14 +18,12 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, MutableMapping
+from collections.abc import Callable, Iterator, MutableMapping
 from contextlib import contextmanager, suppress
-from functools import partial
 from multiprocessing.connection import wait
 from pathlib import Path
-from threading import Condition, Thread
 from types import FrameType
-from typing import Any, Generic, NoReturn, TypeVar
+from typing import NoReturn
 
 import psutil
 
@@ -312,102 +309,3 @@ def share_the_machine(environment: MutableMapping[str, str] = os.environ) -> Non
     if granted < affine_cpu_count():
         environment.setdefault("OMP_NUM_THREADS", str(granted))
         environment.setdefault("LP_NUM_THREADS", str(granted))  # of Mesa's renderer on the processor
-
-
-# --- the latest request -----------------------------------------------------------------------------------------------
-
-
-T = TypeVar("T")
-Inputs = tuple[Any, ...]
-
-
-def are_same(one: Inputs, other: Inputs) -> bool:
-    """Whether all inputs are equal; arrays are compared by identity, as edits share unchanged arrays."""
-    return len(one) == len(other) and all(
-        a is b or (not hasattr(a, "__array__") and bool(a == b)) for a, b in zip(one, other, strict=True)
-    )
-
-
-class LatestTask(Generic[T]):
-    """Runs the request that was submitted last and delivers its results, or its exception, to the owner.
-
-    name: of the thread. deliver: has the owner make a call. on_error: called by the owner with the exception.
-    """
-
-    def __init__(
-        self, name: str, deliver: Callable[[Callable[[], None]], None], on_error: Callable[[BaseException], None]
-    ) -> None:
-        self._name, self._deliver, self._on_error = name, deliver, on_error
-        self._condition, self._closed = Condition(), False
-        self._request: Callable[[], Callable[[], None]] | None = None  # does the work and returns its last call
-        self._inputs: Inputs | None = None
-        self._untaken = 0  # requests that were begun and whose results the owner hasn't got
-        self._thread: Thread | None = None
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a request waits or is being run, or its result waits for the owner."""
-        with self._condition:
-            return self._untaken > 0 or self._request is not None
-
-    def submit(self, work: Callable[[], T], on_result: Callable[[T], None], inputs: Inputs | None = None) -> None:
-        """Runs `work` on the thread; the owner then calls `on_result` with the result.
-
-        inputs: of the work, which isn't done again while they stay the same; None: it is done each time.
-        """
-        self._submit(lambda: partial(on_result, work()), inputs)
-
-    def submit_steps(
-        self, steps: Callable[[], Iterable[T]], on_result: Callable[[T], None], inputs: Inputs | None = None
-    ) -> None:
-        """As `submit`; the owner calls `on_result` with the result of each step. A newer request ends the steps."""
-
-        def run() -> Callable[[], None]:
-            for result in steps():
-                self._deliver(partial(on_result, result))
-                if self._is_superseded():
-                    break
-            return lambda: None
-
-        self._submit(run, inputs)
-
-    def _submit(self, request: Callable[[], Callable[[], None]], inputs: Inputs | None) -> None:
-        if inputs is not None and self._inputs is not None and are_same(inputs, self._inputs):
-            return
-        self._inputs = inputs
-        with self._condition:
-            self._request = request
-            self._condition.notify()
-        if self._thread is None:
-            self._thread = Thread(target=self._run, name=f"holoview: {self._name}", daemon=True)
-            self._thread.start()
-
-    def close(self) -> None:
-        """Ends the thread after the request that it is running."""
-        with self._condition:
-            self._closed = True
-            self._condition.notify()
-
-    def _run(self) -> None:
-        while True:
-            with self._condition:
-                self._condition.wait_for(lambda: self._closed or self._request is not None)
-                if self._closed or self._request is None:
-                    return
-                request, self._request = self._request, None
-                self._untaken += 1
-            try:
-                call = request()
-            except Exception as error:  # any exception is reported to the owner, as nobody waits for this thread
-                call = partial(self._on_error, error)
-            self._deliver(partial(self._hand_over, call))
-
-    def _is_superseded(self) -> bool:
-        with self._condition:
-            return self._closed or self._request is not None
-
-    def _hand_over(self, call: Callable[[], None]) -> None:
-        """Called by the owner: makes the last call of a request that has been run."""
-        with self._condition:
-            self._untaken -= 1
-        call()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -9,27 +10,38 @@ import pytest
 
 import holoview
 from holoview.bench.calibrate.train import CalibrationSettings
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances
+from holoview.bench.experiment.closed_loop import LoopSettings
+from holoview.holograms.optimise.hologram_job import RunOptions
 from holoview.holograms.optimise.settings import Settings
-from holoview.light.model.fields import fields_by_key
+from holoview.light.model.fields import Nested, fields_by_key, flag_of
 from holoview.util import units
 
 DOCS = Path(holoview.__file__).resolve().parents[1] / "docs"
-TABLES = {"optimiser.md": Settings, "calibration.md": CalibrationSettings}
+TABLES = {
+    "optimiser.md": (Settings, RunOptions),
+    "calibration.md": (CalibrationSettings,),
+    "captures.md": (AcquisitionSettings, Nuisances),
+    "rig-reference.md": (LoopSettings,),
+}
 
 
 def table(description: type[Any]) -> str:
-    """A row of Markdown for each field: its name in Python, its range, its default and its sentence."""
+    """A row of Markdown for each field: its name in Python (and its flag, where that is another), its range, its
+    default and its sentence."""
     rows = ["| option | values | default | |", "| --- | --- | --- | --- |"]
     for field in fields_by_key(description).values():
         kind, doc, default = field.metadata["kind"], field.metadata["doc"], field.default
         unit = getattr(getattr(kind, "item", kind), "unit", "")
         values = default if isinstance(default, tuple) else () if default is None else (default,)
         shown = ", ".join(units.format_rounded(value, unit) if unit else str(value) for value in values)
-        rows.append(f"| `{field.name}` | {kind.format_range()} | {shown} | {doc} |")
+        shown = "" if isinstance(kind, Nested) or default is False or default == math.inf else shown
+        name = f"`{field.name}`, `{flag_of(field)}`" if field.metadata["flag"] else f"`{field.name}`"
+        rows.append(f"| {name} | {kind.format_range()} | {shown} | {doc} |")
     return "\n".join(rows) + "\n"
 
 
-@pytest.mark.parametrize("page", TABLES)
-def test_a_table_of_options_is_that_of_the_code(page: str) -> None:
-    expected = table(TABLES[page])
+@pytest.mark.parametrize(("page", "description"), [(page, one) for page, several in TABLES.items() for one in several])
+def test_a_table_of_options_is_that_of_the_code(page: str, description: type[Any]) -> None:
+    expected = table(description)
     assert expected in (DOCS / page).read_text(encoding="utf-8"), f"docs/{page} should hold:\n{expected}"

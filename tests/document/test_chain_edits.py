@@ -12,7 +12,7 @@ import pytest
 import holoview as hv
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.processes import are_same
+from holoview.util.mailbox import are_same
 from holoview.viewer.document import chain_edits
 from holoview.viewer.document.archive import SessionArchive, SessionData, read_session
 from holoview.viewer.document.document import drive_arrays

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from holoview.light.colour import D65_WHITE
-from holoview.util.processes import LatestTask
+from holoview.util.mailbox import LatestTask
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.measurements import ImageMeasurements, LiveMeasurement, measure_image
 from tests.patience import PATIENCE_S, wait_until

@@ -9,16 +9,13 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from queue import Queue
 from types import SimpleNamespace
 
-import numpy as np
 import psutil
 import pytest
 
 from holoview.util.processes import (
     PREFIX,
-    LatestTask,
     end_with_parent,
     garbage_kept,
     process_start,
@@ -74,19 +71,6 @@ def test_the_clock_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     own = process_start(os.getpid())
     monkeypatch.setattr(psutil.Process, "create_time", lambda self: 0.0)
     assert process_start(os.getpid()) == own
-
-
-def test_work_is_done_again_only_when_its_inputs_change() -> None:
-    results, picture = Queue[str](), np.zeros(3)
-    task = LatestTask[str]("test", lambda call: call(), lambda error: None)
-    task.submit(lambda: "first", results.put, (picture, 1))
-    assert results.get(timeout=PATIENCE_S) == "first"
-    task.submit(lambda: "the same", results.put, (picture, 1))
-    task.submit(lambda: "a copy", results.put, (picture.copy(), 1))
-    assert results.get(timeout=PATIENCE_S) == "a copy", "arrays are the same by identity"
-    task.submit(lambda: "no inputs", results.put)
-    assert results.get(timeout=PATIENCE_S) == "no inputs"
-    task.close()
 
 
 def test_garbage_is_collected_again_afterwards_whatever_happens_if_it_was_before() -> None:

@@ -134,7 +134,10 @@ class CalibrationSettings:
         Integer(0, 2**63 - 1), "Of what is held out and of the order of the captures.", default=0
     )
     share: float = described_field(
-        Number(words=_SHARE.words), "Of the captures that only judge; `split_captures` checks it.", default=0.2
+        Number(words=_SHARE.words),
+        "Of the captures that only judge; `split_captures` checks it.",
+        flag="held-out",
+        default=0.2,
     )
     finer: int = same_field(SamplingConfig, "finer")
     padding: int = same_field(SamplingConfig, "padding")

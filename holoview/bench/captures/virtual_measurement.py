@@ -25,6 +25,16 @@ from holoview.light.model.bench_parts import Relay, Source
 from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import EffectValues
 from holoview.light.model.elements import ComplexModulator, Mask, Pixels
+from holoview.light.model.fields import (
+    Integer,
+    Maybe,
+    Nested,
+    Number,
+    Several,
+    Shape,
+    described_field,
+    with_field_docs,
+)
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
@@ -37,52 +47,78 @@ _LEVEL_BYTES, _IMAGE_BYTES = 6, 5  # of a pixel of a pattern and of a picture: t
 _FRAME_RATE_HZ = 60  # the first exposure of a wavelength is one frame time, within about 30 %
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class Nuisances:
     """Random variations that occur in any laboratory and aren't faults of the bench, as standard deviations.
 
-    exposure_jitter: relative error of each exposure time.
-    prnu: relative differences of the pixels' sensitivities, the same in all captures.
-    camera_jitter_m: shift of the camera, independent in y and x and in each capture.
-    wavelength_jitter_m: deviation of the laser's wavelength in each capture.
+    Fields:
     """
 
-    exposure_jitter: float = 0.0
-    prnu: float = 0.0
-    camera_jitter_m: float = 0.0
-    wavelength_jitter_m: float = 0.0
+    exposure_jitter: float = described_field(
+        Number(low=0, high=1), "Relative error of each exposure time.", default=0.0
+    )
+    prnu: float = described_field(
+        Number(low=0, high=1),
+        "Relative differences of the pixels' sensitivities, the same in all captures.",
+        default=0.0,
+    )
+    camera_jitter_m: float = described_field(
+        Number("um", low=0.0, high=1e-3),
+        "Shift of the camera, independent in y and x and in each capture.",
+        default=0.0,
+    )
+    wavelength_jitter_m: float = described_field(
+        Number("nm", low=0.0, high=1e-7), "Deviation of the laser's wavelength in each capture.", default=0.0
+    )
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class AcquisitionSettings:
-    """How captures are taken.
+    """How captures are taken. The ranges are those of a user's choice.
 
-    captures_per_condition: captures at each combination of wavelength and plane.
-    power_range: laser powers are uniformly random in this range, relative.
-    blur_sigmas_px: blurs of the random patterns, in modulator pixels; captures cycle through them.
-    camera_pitch_m: None for the pitch of the simulation. camera_shape: None for the area of the modulator.
-    bit_depth, read_noise (electrons), black_level (counts): as in `Camera`. full_well: electrons at full scale.
-    focal_length_m: of a Fourier bench; None for near field.
-    planes_m: distances from the last modulator, or defocus on a Fourier bench; None for the system's planes, or 0.
-    finer: factor by which the simulation is finer than that of `Captures.upsample`; a camera pixel then
-    averages several samples.
-    seed: of patterns, powers and noise.
+    Fields:
     """
 
-    captures_per_condition: int = 8
-    power_range: tuple[float, float] = (0.5, 1.0)
-    blur_sigmas_px: tuple[float, ...] = BLUR_SIGMAS_PX
-    camera_pitch_m: float | None = None
-    camera_shape: tuple[int, int] | None = None
-    bit_depth: int = 12
-    full_well: float = 16000.0
-    read_noise: float = 3.0
-    black_level: float = 64.0
-    focal_length_m: float | None = None
-    planes_m: tuple[float, ...] | None = None
-    nuisances: Nuisances = Nuisances()
-    finer: int = 1
-    seed: int = 0
+    captures_per_condition: int = described_field(
+        Integer(1, 100_000), "Captures at each combination of wavelength and plane.", flag="each", default=8
+    )
+    power_range: tuple[float, float] = described_field(
+        Several(Number(low=0), 2), "Laser powers are uniformly random in this range, relative.", default=(0.5, 1.0)
+    )
+    blur_sigmas_px: tuple[float, ...] = described_field(
+        Several(Number(low=0)),
+        "Blurs of the random patterns, in modulator pixels; captures cycle through them.",
+        default=BLUR_SIGMAS_PX,
+    )
+    camera_pitch_m: float | None = described_field(
+        Maybe(Number("um", low=0)),
+        "Of the camera's pixels, referred to the modulators; that of the simulation if absent.",
+        default=None,
+    )
+    camera_shape: tuple[int, int] | None = described_field(
+        Maybe(Shape(65536)), "Rows and columns of the camera; the area of the modulator if absent.", default=None
+    )
+    bit_depth: int = described_field(Integer(1, 16), "Of the camera.", default=12)
+    full_well: float = described_field(Number(low=0), "Electrons at full scale.", default=16000.0)
+    read_noise: float = described_field(Number(low=0), "Of the camera, electrons r.m.s.", default=3.0)
+    black_level: float = described_field(Number(low=0), "Counts without light.", default=64.0)
+    focal_length_m: float | None = described_field(
+        Maybe(Number("mm")), "Of the lens of a Fourier bench; near field if absent.", default=None
+    )
+    planes_m: tuple[float, ...] | None = described_field(
+        Maybe(Several(Number("mm"))),
+        "Distances from the last modulator, or defocus on a Fourier bench; the system's planes, or 0, if absent.",
+        default=None,
+    )
+    nuisances: Nuisances = described_field(Nested(Nuisances), "What varies by itself.", default=Nuisances())
+    finer: int = described_field(
+        Integer(1, 64),
+        "Times finer sampling than that of `Captures.upsample`; a camera pixel then averages several samples.",
+        default=1,
+    )
+    seed: int = described_field(Integer(0, 2**63 - 1), "Of patterns, powers and noise.", default=0)
 
 
 def make_captures(

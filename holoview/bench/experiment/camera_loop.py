@@ -504,7 +504,7 @@ class RigOutcome:
 
 def started_in_model(job: RigJob, progress: ProgressCallback, interruption: Interruption) -> RigJob:
     """The job with the hologram that the model alone finds as its start."""
-    options = replace(job.options, checkpoint=None, preview=None, stop_psnr_db=math.inf)
+    options = replace(job.options, checkpoint=None, preview=None, stop_psnr_db=None)
     result = optimise_hologram(
         job.system, job.stack, job.settings, options, progress=progress, interruption=interruption
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -43,6 +43,7 @@ from holoview.bench.rig.measurement import Measurement
 from holoview.bench.rig.open_rig import open_rig
 from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import get_effect, listed_effects
+from holoview.light.model.fields import Duration, Integer, Number, described_field, with_field_docs
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.progress import no_progress
@@ -58,15 +59,26 @@ _PROPOSALS = 20
 _SPREAD = "no proposed capture is expected to separate the remaining causes; captures of every kind follow"
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class LoopSettings:
-    """certainty: probability of the cause at which the loop ends, if the diagnosis agrees. max_captures, bench_time_s:
-    budgets, the latter of seconds on the bench's clock. config: of fits and diagnosis."""
+    """When a loop ends. The ranges are those of a user's choice.
 
-    certainty: float = 0.99
-    max_captures: int = 40
-    bench_time_s: float = math.inf
-    config: SearchConfig = field(default_factory=SearchConfig)
+    Fields:
+    """
+
+    certainty: float = described_field(
+        Number(low=0.5, high=np.nextafter(1, 0), words="0.5 or more, below 1"),
+        "Probability of the cause at which to stop, if the diagnosis agrees.",
+        default=0.99,
+    )
+    max_captures: int = described_field(Integer(1, 1_000_000), "Take at most so many.", flag="captures", default=40)
+    bench_time_s: float = described_field(
+        Duration(), "Take captures for at most so long, by the bench's clock.", default=math.inf
+    )
+
+
+_CONFIG = SearchConfig()  # of fits and diagnosis
 
 
 @dataclass(frozen=True)
@@ -225,16 +237,14 @@ class ClosedLoop:
             return None
         end = SearchEnd(is_asked=self._is_asked)
         try:
-            context = loop_context(
-                join_captures(parts), self._effects, self._settings.config, end, self._options["known"]
-            )
+            context = loop_context(join_captures(parts), self._effects, _CONFIG, end, self._options["known"])
             self._belief = belief = self._fits.update(context, self._options.get("progress") or no_progress)
             self._fields += belief.fields
             is_certain = belief.explains and belief.certainty >= self._settings.certainty
             if not is_certain or count < self._next_check or self._can_show_more(belief):
                 return None
             self._next_check = count + max(_BETWEEN_CHECKS, count // _CHECK_SHARE)
-            diagnosis = self._diagnose(parts, self._effects, config=_with_fields(self._settings.config, _CHECK_FIELDS))
+            diagnosis = self._diagnose(parts, self._effects, config=_with_fields(_CHECK_FIELDS))
             if self._agrees(diagnosis, belief):
                 return diagnosis
             self._fits.include(context, [found for found in (_searched(diagnosis.values), *diagnosis.rivals) if found])
@@ -262,7 +272,7 @@ class ClosedLoop:
 
     def _diagnose(self, parts: Sequence[Captures], effects: Sequence[Effect], **options: Any) -> Diagnosis:
         """A diagnosis, which also corrects the placement of an aligned rig."""
-        options = {"config": self._settings.config, **self._options, **options}
+        options = {"config": _CONFIG, **self._options, **options}
         found = diagnose(join_captures(parts), effects, **options)
         self._options["known"] = found.known
         return found
@@ -280,10 +290,10 @@ class ClosedLoop:
         return dataclasses.replace(found, notes=(*found.notes, note))
 
 
-def _with_fields(config: SearchConfig, share: float) -> SearchConfig:
+def _with_fields(share: float) -> SearchConfig:
     """The configuration with a share of the budget of fields."""
-    budget = dataclasses.replace(config.budget, max_fields=round(share * config.budget.max_fields))
-    return dataclasses.replace(config, budget=budget)
+    budget = dataclasses.replace(_CONFIG.budget, max_fields=round(share * _CONFIG.budget.max_fields))
+    return dataclasses.replace(_CONFIG, budget=budget)
 
 
 def _searched(values: Any) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """Devices that a window uses: no call holds it up, lasers go off at any time, and closing takes a bounded time.
 
 RigConnection     opens the devices, has a thread use them, and closes them
-DeviceWorker      the thread, which makes all calls, one after the other
 LaserInterlock    lasers that another thread switches off, and that no earlier request switches on again
 DeviceWatch       which device the thread is waiting for
 """
@@ -11,13 +10,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import partial
-from threading import Condition, Lock, Thread
+from threading import Lock, Thread
 from typing import Any
 
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.devices import DeviceError, Devices, LasersDevice, Wrapped
+from holoview.util.mailbox import Deliver, Mailbox
 
 OFF_TIMEOUT_S = 3.0
 """How long lasers may take to confirm that they are off."""
@@ -26,8 +24,6 @@ _PATIENCE_S = 1.0  # with a call of the lasers that another thread makes: a seri
 _MAY_BE_ON = "the lasers may be on: switch them off by hand"
 
 OpenDevices = Callable[[RigDescription], Devices]
-Deliver = Callable[[Callable[[], None]], None]
-"""Makes the owner's thread call a function."""
 
 
 class RigConnection:
@@ -46,7 +42,7 @@ class RigConnection:
         self._lasers: LaserInterlock | None = None
         self._off: OffThread | None = None
         self._asked_off_s = 0.0
-        self._worker = DeviceWorker(deliver, self._on_begin)
+        self._worker = Mailbox("devices", deliver, self._on_begin)
 
     def open(self, on_open: Callable[[], None], on_error: Callable[[BaseException], None]) -> None:
         """Opens the devices on their thread, with all lasers off."""
@@ -61,7 +57,7 @@ class RigConnection:
         key: str,
         delay_s: float = 0.0,
     ) -> None:
-        """Has the thread make a call with the open devices; see `DeviceWorker.submit`."""
+        """Has the thread make a call with the open devices; see `Mailbox.submit`."""
         self._worker.submit(lambda: work(self._opened()), on_result, on_error, key=key, delay_s=delay_s)
 
     def lasers_off(self) -> None:
@@ -91,7 +87,7 @@ class RigConnection:
     def abandon(self) -> None:
         """Switches the lasers off and drops all further calls; the devices are still to be closed."""
         self.lasers_off()
-        self._worker.abandon()
+        self._worker.close()
 
     def close(self) -> str:
         """Switches the lasers off first, then closes all devices; returns why the lasers may be on, or "".
@@ -118,7 +114,7 @@ class RigConnection:
         with self.watch.waiting_for("the devices to open"):
             devices = self._open_devices(self.rig)
         lasers = LaserInterlock(devices.lasers)
-        if self._worker.is_abandoned:  # meanwhile
+        if self._worker.is_closed:  # meanwhile
             devices.close()
             return
         self._devices, self._lasers = watch_devices(devices, lasers, self.watch), lasers
@@ -137,102 +133,6 @@ def _close_quietly(devices: Devices) -> None:
     """Closes devices and ignores failures."""
     with suppress(Exception):  # whatever a device's library raises; the lasers were seen to before
         devices.close()
-
-
-@dataclass(frozen=True)
-class _Call:
-    """A call that waits. number: rises from call to call. due_s: earliest begin, on `time.monotonic`."""
-
-    key: str
-    number: int
-    due_s: float
-    work: Callable[[], Any]
-    on_result: Callable[[Any], None]
-    on_error: Callable[[BaseException], None]
-
-
-class DeviceWorker:
-    """Makes calls in their order; a later call of the same key replaces a call that still waits.
-
-    deliver: results and exceptions go to the owner by it. on_begin: called on the thread with the number of each call
-    before it is made.
-    """
-
-    def __init__(self, deliver: Deliver, on_begin: Callable[[int], None]) -> None:
-        self._deliver, self._on_begin = deliver, on_begin
-        self._condition, self._waiting = Condition(), list[_Call]()
-        self._count, self._is_abandoned = 0, False
-        self._thread = Thread(target=self._run, name="holoview: devices", daemon=True)
-        self._thread.start()
-
-    def submit(
-        self,
-        work: Callable[[], Any],
-        on_result: Callable[[Any], None],
-        on_error: Callable[[BaseException], None],
-        *,
-        key: str,
-        delay_s: float = 0.0,
-    ) -> None:
-        """Has the thread make the call `work`, and the owner one of the other calls. delay_s: the least until then."""
-        with self._condition:
-            self._count += 1
-            call = _Call(key, self._count, time.monotonic() + delay_s, work, on_result, on_error)
-            self._waiting = [*(other for other in self._waiting if other.key != key), call]
-            self._condition.notify()
-
-    @property
-    def count(self) -> int:
-        """The number of the last call that was submitted."""
-        return self._count
-
-    def forget_waiting(self) -> None:
-        """Drops the calls that haven't begun."""
-        with self._condition:
-            self._waiting = []
-
-    def abandon(self) -> None:
-        """Makes no further call, and delivers nothing more; the call that is being made goes on."""
-        with self._condition:
-            self._is_abandoned, self._waiting = True, []
-            self._condition.notify()
-
-    @property
-    def is_abandoned(self) -> bool:
-        """Whether it was abandoned."""
-        return self._is_abandoned
-
-    def join(self, timeout_s: float) -> bool:
-        """Waits until the thread of an abandoned worker has ended; returns whether it has."""
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        while (call := self._next()) is not None:
-            self._on_begin(call.number)
-            try:
-                result = call.work()
-            except BaseException as error:  # else nobody would hear of it
-                self._hand_over(partial(call.on_error, error))
-            else:
-                self._hand_over(partial(call.on_result, result))
-
-    def _next(self) -> _Call | None:
-        """The first call that is due, which is waited for; None once the worker is abandoned."""
-        with self._condition:
-            while not self._is_abandoned:
-                now = time.monotonic()
-                due = next((call for call in self._waiting if call.due_s <= now), None)
-                if due is not None:
-                    self._waiting = [call for call in self._waiting if call is not due]
-                    return due
-                first = min((call.due_s for call in self._waiting), default=None)
-                self._condition.wait(None if first is None else first - now)
-        return None
-
-    def _hand_over(self, call: Callable[[], None]) -> None:
-        """Has the owner make a call, unless the worker is abandoned by then."""
-        self._deliver(lambda: None if self._is_abandoned else call())
 
 
 class LaserInterlock(Wrapped[LasersDevice]):

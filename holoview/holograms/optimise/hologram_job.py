@@ -28,8 +28,22 @@ from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.solve import iterate
 from holoview.light.colour import to_srgb8
+from holoview.light.model.fields import (
+    Choice,
+    Duration,
+    FileContent,
+    Maybe,
+    Number,
+    Truth,
+    Word,
+    WrittenFile,
+    described_field,
+    flag_of,
+    validate,
+    with_field_docs,
+)
 from holoview.light.model.system import System
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback, TextCallback, no_progress, no_text
 
@@ -38,37 +52,73 @@ _DEFAULT_SETTINGS = Settings()
 _OF_ITERATIONS = ("iterations", "seed", "begin")  # settings that a closed form doesn't have
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run an optimisation: device, start, stopping criteria, and files that are written in the meantime.
+    """How to run an optimisation. Raises UserError for values out of range.
 
-    method: one of `holoview.holograms.optimise.named_methods.METHODS`; "adam" is the optimiser's own, which drives all
-    modulators; modulator: the name of the one that another method drives, the first when "".
-    grid: "compact" pads the simulation only by the walk-off of the light, "preset" as the bench says.
-    device: of torch. sharded: whether the processes that torchrun started share the lasers.
-    initial_hologram: the initial patterns are those of this hologram. resume: a checkpoint to continue from.
-    checkpoint, preview: files to write; checkpoint_interval_s: least time between two checkpoints.
-    stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
+    Fields:
     """
 
-    method: str = "adam"
-    modulator: str = ""
-    grid: str = "compact"
-    device: str = "cpu"
-    sharded: bool = False
-    initial_hologram: Hologram | None = None
-    resume: Checkpoint | None = None
-    checkpoint: Path | None = None
-    checkpoint_interval_s: float = 30.0
-    preview: Path | None = None
-    stop_psnr_db: float = math.inf
-    time_limit_s: float = math.inf
+    method: str = described_field(
+        Word(METHODS),
+        "adam: the optimiser's own, which drives all modulators; double-phase (a closed form) and gerchberg-saxton, to "
+        "compare with.",
+        default=METHODS[0],
+    )
+    modulator: str = described_field(
+        Choice(),
+        "Which one double-phase or gerchberg-saxton drives, by its name in `holoview info`; the first if absent. The "
+        "others stay as the start has them, or flat.",
+        default="",
+    )
+    grid: str = described_field(
+        Word(("compact", "preset")),
+        "compact: padded by the walk-off of the light, about twice as fast; preset: as the bench says, which the score "
+        "uses in any case.",
+        default="compact",
+    )
+    device: str = described_field(
+        Choice(),
+        "Of torch: cpu, cuda, cuda:1, mps; on the command line also auto, the fastest there is.",
+        default="cpu",
+    )
+    sharded: bool = described_field(
+        Truth(),
+        "Share the lasers among the processes that torchrun started: torchrun --nproc-per-node 2 -m holoview optimise "
+        "… --sharded; each takes a GPU of its own where there are.",
+        default=False,
+    )
+    initial_hologram: Hologram | None = described_field(
+        FileContent(), "A hologram whose patterns to begin with.", flag="start", default=None
+    )
+    resume: Checkpoint | None = described_field(
+        FileContent(), "A checkpoint to go on from; on the command line it is written to as well.", default=None
+    )
+    checkpoint: Path | None = described_field(
+        WrittenFile(".safetensors"), "Write all that goes on from here, now and then.", default=None
+    )
+    checkpoint_interval_s: float = described_field(
+        Duration(), "Least time between two checkpoints.", flag="checkpoint-every", default=30.0
+    )
+    preview: Path | None = described_field(
+        WrittenFile(".png"), "PNG of the middle plane, rewritten while it runs.", default=None
+    )
+    stop_psnr_db: float | None = described_field(
+        Maybe(Number(low=np.nextafter(0, 1), high=1000, words="a positive number, at most 1000")),
+        "Stop when it is this good (dB).",
+        flag="until-psnr",
+        default=None,
+    )
+    time_limit_s: float = described_field(
+        Duration(), "Stop after this long, e.g. 90s, 10min.", flag="time", default=math.inf
+    )
+
+    def __post_init__(self) -> None:
+        validate(self, flag_of)
 
     def check_method(self, settings: Settings) -> None:
         """Raises UserError for options and settings that the method doesn't have."""
-        if self.method not in METHODS:
-            remedy = suggest_matches(self.method, METHODS)
-            raise UserError("--method", f'"{self.method}"', expected=", ".join(METHODS), remedy=remedy)
         if self.method == "adam":
             if self.modulator:
                 expected = f"with --method {' or '.join(METHODS[1:])}; adam drives all modulators"
@@ -98,7 +148,8 @@ class RunOptions:
 
     def is_enough(self, best_psnr_db: float, seconds: float) -> bool:
         """Whether a hologram of this PSNR, found in this time, ends the optimisation."""
-        return best_psnr_db >= self.stop_psnr_db or seconds >= self.time_limit_s
+        is_good = self.stop_psnr_db is not None and best_psnr_db >= self.stop_psnr_db
+        return is_good or seconds >= self.time_limit_s
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from holoview.light.model.fields import (
     Several,
     Word,
     described_field,
+    spaced_key,
     validate,
     with_field_docs,
 )
@@ -217,7 +218,7 @@ class Settings:
     )
 
     def __post_init__(self) -> None:
-        validate(self, spaced=True)
+        validate(self, spaced_key)
         if not self.free:
             raise UserError("free", "nothing", expected=f"at least one of {', '.join(VARIABLES)}")
         if self.region is not None and min(self.region[2:]) < 1:

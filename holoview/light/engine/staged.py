@@ -27,7 +27,7 @@ from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
 from holoview.light.optics.frame_inputs import FrameInputs
-from holoview.util.processes import Inputs, are_same
+from holoview.util.mailbox import Inputs, are_same
 
 Beam = tuple[int, int, int]
 """Wavelength, frame, source."""

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
@@ -65,7 +67,11 @@ class Number:
         else:
             number = units.to_float(value)
         if not (math.isfinite(number) and self.low <= number <= self.high):
-            found = str(number) if self.words and not self.unit else f"{self._show(number)} is out of range"
+            found = (
+                str(number).removesuffix(".0")
+                if self.words and not self.unit
+                else f"{self._show(number)} is out of range"
+            )
             raise UserError(where, found, expected=self.format_range())
         return number
 
@@ -194,6 +200,66 @@ class Truth:
     def to_toml(self, value: bool) -> bool:
         return value
 
+    def format_range(self) -> str:
+        """What is expected, for the manual."""
+        return "true or false"
+
+
+_SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class Duration:
+    """A time (s) above 0, which may be infinite, or text such as "90", "90s", "10min" or "1.5h"."""
+
+    def parse(self, value: Any, where: str) -> float:
+        seconds = value
+        if isinstance(value, str):
+            match = re.fullmatch(r"(\d++(?:\.\d*+)?|\.\d++)\s*+(s|min|h|)", value.strip())
+            seconds = float(match[1]) * _SECONDS[match[2]] if match is not None else 0.0
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds > 0:
+            raise UserError(where, str(value), expected=self.format_range())
+        return float(seconds)
+
+    def to_toml(self, value: float) -> float:
+        return value
+
+    def format_range(self) -> str:
+        """What is expected, for error messages."""
+        return "a time such as 90s, 10min or 1.5h"
+
+
+@dataclasses.dataclass(frozen=True)
+class WrittenFile:
+    """The name of a file that is written from time to time, with this suffix; None for none."""
+
+    suffix: str
+
+    def parse(self, value: Any, where: str) -> Path | None:
+        return None if value is None else Path(value)
+
+    def to_toml(self, value: Path | None) -> str | None:
+        return None if value is None else str(value)
+
+    def format_range(self) -> str:
+        """What is expected, for the manual."""
+        return f"a file {self.suffix}"
+
+
+@dataclasses.dataclass(frozen=True)
+class FileContent:
+    """What a file holds, which is read before; on a command line the file's name. None for none."""
+
+    def parse(self, value: Any, where: str) -> Any:
+        return value
+
+    def to_toml(self, value: Any) -> None:
+        return None
+
+    def format_range(self) -> str:
+        """What is expected, for the manual."""
+        return "of a file"
+
 
 @dataclasses.dataclass(frozen=True)
 class LevelFractions:
@@ -225,16 +291,22 @@ class LevelFractions:
 
 @dataclasses.dataclass(frozen=True)
 class Shape:
-    """A pair (rows, columns), each from 2 to 16384."""
+    """A pair (rows, columns), each from 2 to `most`."""
+
+    most: int = 16384
 
     def parse(self, value: Any, where: str) -> tuple[int, int]:
         if isinstance(value, str) or not isinstance(value, Iterable) or len(pair := list(value)) != 2:
             raise UserError(where, f"{value!r}", expected="[rows, columns]")
-        side = Integer(low=2, high=16384)
+        side = Integer(low=2, high=self.most)
         return side.parse(pair[0], f"{where}[0]"), side.parse(pair[1], f"{where}[1]")
 
     def to_toml(self, value: tuple[int, int]) -> list[int]:
         return list(value)
+
+    def format_range(self) -> str:
+        """What is expected, for the manual."""
+        return f"[rows, columns], each from 2 to {self.most}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -258,6 +330,10 @@ class Choice:
 
     def to_toml(self, value: str) -> str | None:
         return None if value == self.unwritten else value
+
+    def format_range(self) -> str:
+        """The words, for the manual."""
+        return " or ".join(self.options) or "text"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -441,6 +517,10 @@ class Nested:
     def to_toml(self, value: Any) -> dict[str, Any] | None:
         return None if value is None else to_mapping(value)
 
+    def format_range(self) -> str:
+        """What is expected, for the manual."""
+        return f"`{self.description.__name__}`"
+
 
 @dataclasses.dataclass(frozen=True)
 class NestedList:
@@ -457,9 +537,22 @@ class NestedList:
         return [to_mapping(entry) for entry in value]
 
 
-def described_field(field_type: ValueType, doc: str, **kwargs: Any) -> Any:
-    """`dataclasses.field` with the field's type and a sentence that explains it, as metadata "kind" and "doc"."""
-    return dataclasses.field(metadata={"kind": field_type, "doc": doc}, **kwargs)
+def described_field(field_type: ValueType, doc: str, flag: str = "", **kwargs: Any) -> Any:
+    """`dataclasses.field` with the field's type and a sentence that explains it, as metadata "kind" and "doc".
+
+    flag: its name on the command line, such as "until-psnr"; "" for its key.
+    """
+    return dataclasses.field(metadata={"kind": field_type, "doc": doc, "flag": flag}, **kwargs)
+
+
+def flag_of(field: dataclasses.Field[Any]) -> str:
+    """The flag of a field on the command line, such as "--until-psnr"."""
+    return f"--{field.metadata['flag'] or key_without_unit(field.name).replace('_', '-')}"
+
+
+def spaced_key(field: dataclasses.Field[Any]) -> str:
+    """The key of a field in words, such as "plane weights"."""
+    return key_without_unit(field.name).replace("_", " ")
 
 
 def same_field(description: type[Any], name: str) -> Any:
@@ -478,7 +571,7 @@ def with_field_docs(description: type[Any]) -> type[Any]:
 @cache
 def key_without_unit(name: str) -> str:
     """A field's key in tables: its name without the unit."""
-    for unit in ("_m", "_s", "_rad", "_dpt", "_deg"):
+    for unit in ("_m", "_s", "_rad", "_dpt", "_deg", "_db"):
         name = name.removesuffix(unit)
     return name
 
@@ -500,13 +593,13 @@ def field_for(description: type[Any], key: str) -> dataclasses.Field[Any]:
     return known[key]
 
 
-def validate(instance: Any, *, spaced: bool = False) -> None:
+def validate(instance: Any, named: Callable[[dataclasses.Field[Any]], str] | None = None) -> None:
     """Replaces every field of a frozen description by what its type parses from it; called first in `__post_init__`.
 
-    spaced: whether errors name "plane weights" in place of "plane_weights".
+    named: the name of a field in errors, `spaced_key` or `flag_of`; its key if absent.
     """
     for key, field in fields_by_key(type(instance)).items():
-        where = key.replace("_", " ") if spaced else key
+        where = key if named is None else named(field)
         object.__setattr__(instance, field.name, field.metadata["kind"].parse(getattr(instance, field.name), where))
 
 

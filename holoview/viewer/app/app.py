@@ -18,7 +18,7 @@ from holoview.light.colour import fitting_stops
 from holoview.light.gpu.device import Device
 from holoview.light.model import preset
 from holoview.util.errors import UserError
-from holoview.util.processes import are_same
+from holoview.util.mailbox import are_same
 from holoview.util.text import printable
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext, Command, Rect

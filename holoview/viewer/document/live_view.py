@@ -31,7 +31,7 @@ from holoview.bench.rig.devices import Counts
 from holoview.bench.rig.registration import Registration
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.processes import LatestTask
+from holoview.util.mailbox import LatestTask
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.jobs import BackgroundJob, JobControl
 

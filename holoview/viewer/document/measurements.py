@@ -35,7 +35,7 @@ from holoview.light.model.system import System
 from holoview.light.model.validity import LightFigures, exceeded_limits
 from holoview.light.numerics.sampling import region_slices
 from holoview.util.errors import UserError
-from holoview.util.processes import LatestTask, are_same
+from holoview.util.mailbox import LatestTask, are_same
 from holoview.viewer.document.document import Document
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.render.scene import Scene

@@ -8,7 +8,7 @@ from typing import Any
 
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.load_field import Recorded
-from holoview.util.processes import LatestTask
+from holoview.util.mailbox import LatestTask
 from holoview.viewer.document.document import Gesture
 from holoview.viewer.document.editing_session import EditingSession
 

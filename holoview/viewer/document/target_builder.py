@@ -27,7 +27,7 @@ from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
-from holoview.util.processes import LatestTask
+from holoview.util.mailbox import LatestTask
 from holoview.viewer.document.jobs import CallOnOwner
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from holoview.light.gpu.device import Device
 from holoview.light.model.elements import PhaseModulator
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
-from holoview.util.processes import LatestTask
+from holoview.util.mailbox import LatestTask
 from holoview.viewer.render.scene import DeviceImage, Drive, Scene, uploaded_image
 from holoview.viewer.render.tone_mapping import field_picture
 from holoview.viewer.render.view_settings import ViewSettings

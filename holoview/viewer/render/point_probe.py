@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.gpu.device import Device
-from holoview.util.processes import LatestTask
+from holoview.util.mailbox import LatestTask
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape, uploaded_image
 from holoview.viewer.render.tone_mapping import by_decades, in_own_units
 from holoview.viewer.render.view_settings import ViewSettings

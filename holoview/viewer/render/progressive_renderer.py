@@ -36,7 +36,7 @@ from holoview.light.engine.staged import StagedRenderer
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.processes import Inputs, are_same
+from holoview.util.mailbox import Inputs, are_same
 from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape
 from holoview.viewer.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings

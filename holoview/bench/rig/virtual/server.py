@@ -68,7 +68,7 @@ from holoview.bench.rig.devices import Counts, Levels
 from holoview.bench.rig.virtual.client import Connection, Disconnected, Packet
 from holoview.bench.rig.virtual.signal_faults import SignalFaults
 from holoview.light.model.effects.registry import ActiveEffects, EffectTable, EffectValues
-from holoview.light.model.fields import Integer, Nested, Number, described_field, from_mapping, validate
+from holoview.light.model.fields import Integer, Nested, Number, described_field, from_mapping, same_field, validate
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text
@@ -143,10 +143,10 @@ class VirtualSettings:
     settle_s: float = described_field(_SECONDS, "time constant of the modulators", default=0.0)
     readout_s: float = described_field(_SECONDS, "of a picture", default=0.02)
     finer: float = described_field(Number(low=1, high=8), "finer light than of a model of the captures", default=1)
-    exposure_jitter: float = described_field(_SHARE, "relative, of each exposure", default=0.0)
-    prnu: float = described_field(_SHARE, "relative, of the pixels' sensitivities", default=0.0)
-    camera_jitter_m: float = described_field(_SMALL, "shift of the camera in each capture", default=0.0)
-    wavelength_jitter_m: float = described_field(Number("nm", 0.0, 1e-7), "of the laser in each capture", default=0.0)
+    exposure_jitter: float = same_field(Nuisances, "exposure_jitter")
+    prnu: float = same_field(Nuisances, "prnu")
+    camera_jitter_m: float = same_field(Nuisances, "camera_jitter_m")
+    wavelength_jitter_m: float = same_field(Nuisances, "wavelength_jitter_m")
     trigger_jitter_s: float = described_field(_SECONDS, "by which exposures begin late", default=0.0)
     camera_drift_m: float = described_field(_SMALL, "in y and in x, after an hour", default=0.0)
     power_drift: float = described_field(_SHARE, "of the power's logarithm, after an hour", default=0.0)
