@@ -198,10 +198,7 @@ def parse_range(text: str, flag: str) -> tuple[float, float]:
 
 def parse_duration(text: str) -> float:
     """An argparse type: seconds from text as a `Duration` takes it."""
-    try:
-        return Duration().parse(text, "")
-    except UserError as error:
-        raise argparse.ArgumentTypeError(f"{error.found}; expected {error.expected}") from None
+    return _parsed(Duration().parse, text)
 
 
 def parse_effects(texts: list[str]) -> dict[str, dict[str, float]]:
@@ -319,11 +316,13 @@ def add_fields(
     more_words: tuple[str, ...] = (),
     notes: Mapping[str, str] | None = None,
     defaults: Mapping[str, Any] | None = None,
+    states_units: bool = False,
 ) -> None:
     """Adds a flag for each of some fields; its value is None where it isn't given. `given_fields` makes the values.
 
     more_words: that a flag takes beside those of its field. notes: for the end of a flag's help. defaults: values of
-    flags that aren't given, in place of None.
+    flags that aren't given, in place of None. states_units: a length is text such as "8 um", in place of a number in
+    the field's unit.
     """
     known, defaults = fields_by_key(description), defaults or {}
     for key in keys:
@@ -346,8 +345,9 @@ def add_fields(
                 "metavar": "|".join(["N", *named]),
             }
         elif isinstance(kind, Number):
-            metavar = (unit or field.name[len(key) + 1 :] or key).upper()
-            options = {"type": _in_unit(unit) if unit else number(), "metavar": metavar}
+            metavar = "LENGTH" if states_units and unit else (unit or field.name[len(key) + 1 :] or key).upper()
+            kind_of_text = number() if not unit else _length if states_units else _in_unit(unit)
+            options = {"type": kind_of_text, "metavar": metavar}
         elif isinstance(kind, Shape):
             options = {"type": whole(2, kind.most), "nargs": 2, "metavar": "N"}
         elif isinstance(kind, Duration):
@@ -366,19 +366,22 @@ def add_fields(
 
 
 def _in_unit(unit: str) -> Callable[[str], float]:
-    """An argparse type: a number of some unit, or text with a unit of its quantity, in SI units."""
-    quantity = units.quantity_of(unit)
-    scale, parse_number = units.parse(f"1 {unit}", "unit", quantity), number()
+    """An argparse type: a number of some unit, in SI units."""
+    scale, parse = units.parse(f"1 {unit}", "unit", units.quantity_of(unit)), number()
+    return lambda text: parse(text) * scale
 
-    def parse(text: str) -> float:
-        if not text[-1:].isalpha():
-            return parse_number(text) * scale
-        try:
-            return units.parse(text, "", quantity)
-        except UserError as error:
-            raise argparse.ArgumentTypeError(f"{error.found}; expected {error.expected}") from None
 
-    return parse
+def _length(text: str) -> float:
+    """An argparse type: metres from text such as "8 um"."""
+    return _parsed(units.parse, text)
+
+
+def _parsed(parse: Callable[[str, str], float], text: str) -> float:
+    """What a function that raises UserError makes of text, as argparse wants it."""
+    try:
+        return parse(text, "")
+    except UserError as error:
+        raise argparse.ArgumentTypeError(f"{error.found}; expected {error.expected}") from None
 
 
 def _default_text(default: Any, kind: Any, unit: str) -> str:

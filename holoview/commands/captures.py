@@ -129,9 +129,10 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
         parser,
         AcquisitionSettings,
         *("captures_per_condition", "seed", "focal_length", "camera_pitch", "camera_shape", "finer"),
+        states_units=True,
     )
     jitter = parser.add_argument_group("what varies by itself (standard deviations)")
-    add_fields(jitter, Nuisances, *fields_by_key(Nuisances))
+    add_fields(jitter, Nuisances, *fields_by_key(Nuisances), states_units=True)
     parser.set_defaults(run=_make)
 
 
