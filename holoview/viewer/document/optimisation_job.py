@@ -14,7 +14,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from threading import Event, Thread
 from time import monotonic
@@ -32,7 +32,21 @@ from holoview.holograms.targets.live_pictures import LivePictures, open_live_pic
 from holoview.holograms.targets.picture import Picture
 from holoview.holograms.view import random_drive
 from holoview.light.model.drives import drive_fits
-from holoview.light.model.fields import Choice, Integer, Number, Truth, field_for, fields_by_key, to_mapping
+from holoview.light.model.fields import (
+    Choice,
+    Integer,
+    Maybe,
+    Nested,
+    Number,
+    Truth,
+    described_field,
+    fields_by_key,
+    same_field,
+    spaced_key,
+    to_mapping,
+    validate,
+    with_field_docs,
+)
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.util import units
@@ -53,34 +67,42 @@ _POLL_S = 0.05  # between two looks for another picture
 _MOST_PICTURES = 200  # whose results are remembered
 
 
+_COUNT = Integer(1, words="at least 1")
+
+
+@with_field_docs
 @dataclass(frozen=True)
 class OptimisationRequest:
-    """A request for an optimisation: its settings, target planes and eyes.
+    """A request for an optimisation: its settings, target planes and eyes. Raises UserError for invalid values.
 
-    settings: of the optimiser. scheme: a colour scheme that the system is changed to first. start_patterns: "now" for
-    the present patterns, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
-    iterations between previews. superpixel: modulator pixels a side that are driven together, which optimises
-    superpixel² times fewer pixels. only_plane_m: a single focal plane to optimise for; None for all of the system.
-    device: of torch, "auto" for the fastest. compares_fields: the complex fields of lasers, with a target that is one.
-    done: how many of the settings' iterations the patterns "now" have had. Raises UserError for invalid values.
+    Fields:
     """
 
-    settings: Settings = field(default_factory=Settings)
-    scheme: str | None = None
-    start_patterns: str = "random"
-    eyes: OptimisedEyes = field(default_factory=OptimisedEyes)
-    preview_every: int = 3
-    superpixel: int = 1
-    only_plane_m: float | None = None
-    device: str = "auto"
-    compares_fields: bool = False
-    done: int = 0
+    settings: Settings = described_field(Nested(Settings), "Of the optimiser.", default_factory=Settings)
+    scheme: str | None = described_field(
+        Maybe(Choice()), "A colour scheme that the system is changed to first.", default=None
+    )
+    start_patterns: str = same_field(OptimisationChoices, "start_patterns")
+    eyes: OptimisedEyes = described_field(
+        Nested(OptimisedEyes), "For which ones; that of the system by default.", default_factory=OptimisedEyes
+    )
+    preview_every: int = described_field(_COUNT, "Iterations between previews.", default=3)
+    superpixel: int = described_field(
+        _COUNT, "Modulator pixels a side that are driven together: superpixel² times fewer are optimised.", default=1
+    )
+    only_plane_m: float | None = described_field(
+        Number("mm", optional=True), "A single focal plane to optimise for; all of the system if absent.", default=None
+    )
+    device: str = described_field(Choice(), 'Of torch, "auto" for the fastest.', default="auto")
+    compares_fields: bool = described_field(
+        Truth(), "The complex fields of lasers are compared, with a target that is one.", default=False
+    )
+    done: int = described_field(
+        Integer(0), 'How many of the settings\' iterations the patterns "now" have had.', default=0
+    )
 
     def __post_init__(self) -> None:
-        field_for(OptimisationChoices, "start_patterns").metadata["kind"].parse(self.start_patterns, "begin")
-        for key, count in (("every", self.preview_every), ("coarse", self.superpixel)):
-            if count < 1:
-                raise UserError(key, str(count), expected="at least 1")
+        validate(self, spaced_key)
         if not 0 <= self.done < self.settings.iterations:
             raise UserError("done", str(self.done), expected=f"fewer than {self.settings.iterations} iterations")
         if self.superpixel > 1 and self.start_patterns == "now":
@@ -450,10 +472,9 @@ def _expand_superpixels(drive: Drive, factor: int, shape: tuple[int, int]) -> Dr
 
 _WHAT = "the rest of an optimisation"
 _KEPT: dict[str, ValueType] = {
-    "only_plane_m": Number("mm", optional=True),
-    "device": Choice(),
-    "compares_fields": Truth(),
-    "done": Integer(0),
+    field.name: field.metadata["kind"]
+    for field in dataclasses.fields(OptimisationRequest)
+    if field.name in ("only_plane_m", "device", "compares_fields", "done")
 }
 """What else is kept of its request."""
 
