@@ -146,7 +146,7 @@ def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None
         lines.append(f"structure of the target divided out; with it the contrast is {found.raw_contrast:.4f}")
         lines += [] if found.likeness is None else _likeness_lines(found.likeness, found.blur_px, found.left)
     if reading is not None:
-        lines += _reading_lines(reading)
+        lines.append(f"instrument: {reading.words}")
     lines += _laser_lines(found) if found.lasers else []
     lines += [] if found.withheld else ["", "visible?"]
     for row in visibility(found):
@@ -169,15 +169,6 @@ def _likeness_lines(alike: Likeness, blur_px: float, left: StructureLeft | None)
 
 def _percent(share: Likeness) -> str:
     return f"{max(100 * share.share, 0):.0f} +- {100 * share.standard_error:.0f} %"
-
-
-def _reading_lines(reading: MeterReading) -> list[str]:
-    parts = [f"instrument: {reading.description}", *([reading.grain] if reading.grain else [])]
-    if reading.pixels_a_grain is not None:
-        parts.append(f"{reading.pixels_a_grain:.2g} pixels a grain")
-    if reading.full_scale_sigma is not None:
-        parts.append(f"full scale {reading.full_scale_sigma:.3g} standard deviations")
-    return ["; ".join(parts)]
 
 
 def _laser_lines(found: SpeckleMeasurement) -> list[str]:

@@ -117,6 +117,16 @@ class MeterReading:
     full_scale_sigma: float | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def words(self) -> str:
+        """All but the notes, in words."""
+        parts = [self.description, *([self.grain] if self.grain else [])]
+        if self.pixels_a_grain is not None:
+            parts.append(f"{self.pixels_a_grain:.2g} pixels a grain")
+        if self.full_scale_sigma is not None:
+            parts.append(f"full scale {self.full_scale_sigma:.3g} standard deviations")
+        return "; ".join(parts)
+
     def as_json(self) -> dict[str, Any]:
         """For programs."""
         return {

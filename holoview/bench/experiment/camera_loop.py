@@ -31,7 +31,6 @@ import json
 import math
 import os
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -55,7 +54,7 @@ from holoview.bench.experiment.rig_bench import lasers_of, levels_of_drive, on_r
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.open_rig import open_rig
 from holoview.holograms.hologram import Hologram, drive_sizes
-from holoview.holograms.optimise.checkpoint import VARIABLE_TENSORS, target_digest
+from holoview.holograms.optimise.checkpoint import VARIABLE_TENSORS, refuse_other_run, target_digest
 from holoview.holograms.optimise.hologram_job import IntermediateFiles, RunOptions, nothing_left, optimise_hologram
 from holoview.holograms.optimise.lasers import changes_lasers
 from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation
@@ -67,7 +66,7 @@ from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback, TextCallback
-from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
+from holoview.util.safetensors_file import TensorFormat
 from holoview.util.tables import ArraySchema, read_record
 
 _PATIENCE, _SHORTER = 3, 0.5  # iterations in which the loss doesn't fall, and the factor of steps that follows them
@@ -393,11 +392,7 @@ class LoopCheckpoint:
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """Raises UserError, which names the difference, unless the checkpoint is of this system, settings, target."""
-        stored, given = (tomllib.loads(preset.dumps(s)) for s in (self.begun, system))
-        differing = [key for key in {**stored, **given} if stored.get(key) != given.get(key)]
-        differing += differing_fields(self.settings, settings)
-        differing += ["the target"] * (self.target != target)
-        refuse_differences(differing, where, "camera loop", "preset, picture and options")
+        refuse_other_run((self.begun, self.settings, self.target), (system, settings, target), where, "camera loop")
 
 
 def load_loop_checkpoint(path: str | os.PathLike[str]) -> LoopCheckpoint:

@@ -342,13 +342,7 @@ def _notes(one: ReviewedHologram) -> list[str]:
 
 
 def _instrument(one: ReviewedHologram) -> list[str]:
-    reading = one.measured.reading
-    parts = [reading.description, *([reading.grain] if reading.grain else [])]
-    if reading.pixels_a_grain is not None:
-        parts.append(f"{reading.pixels_a_grain:.2g} pixels a grain")
-    if reading.full_scale_sigma is not None:
-        parts.append(f"full scale {reading.full_scale_sigma:.3g} standard deviations")
-    return [f"{'; '.join(parts)}. Observer: {_observer(one.system)}."]
+    return [f"{one.measured.reading.words}. Observer: {_observer(one.system)}."]
 
 
 def _withheld_notes(found: SpeckleMeasurement) -> list[str]:

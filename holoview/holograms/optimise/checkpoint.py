@@ -192,11 +192,20 @@ class Checkpoint:
 
         where: the name of the checkpoint, for the error.
         """
-        stored, given = (tomllib.loads(preset.dumps(s)) for s in (self.system, system))
-        differing = [key for key in {**stored, **given} if stored.get(key) != given.get(key)]
-        differing += differing_fields(self.settings, settings)
-        differing += ["the target"] * (self.target != target)
-        refuse_differences(differing, where, "optimisation", "preset, picture and options")
+        refuse_other_run((self.system, self.settings, self.target), (system, settings, target), where, "optimisation")
+
+
+Run = tuple[System, Settings, str]
+"""The bench, the settings and the `target_digest` of an optimisation."""
+
+
+def refuse_other_run(stored: Run, given: Run, where: str, what: str) -> None:
+    """Raises UserError that names what differs between a checkpoint's run and another. what: kind of the run."""
+    benches = [tomllib.loads(preset.dumps(run[0])) for run in (stored, given)]
+    differing = [key for key in {**benches[0], **benches[1]} if benches[0].get(key) != benches[1].get(key)]
+    differing += differing_fields(stored[1], given[1])
+    differing += ["the target"] * (stored[2] != given[2])
+    refuse_differences(differing, where, what, "preset, picture and options")
 
 
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:

@@ -92,13 +92,17 @@ class SecondLine(Effect):
     def actual_system(self, system: System, v: Values) -> System:
         if v["share"] == 0 or v["offset"] == 0:
             return system
-        lines = (system.wavelengths_m[:, None] + np.array([0.0, v["offset"]])).ravel()
-        shares = np.array([1 - v["share"], v["share"]])
-        amplitudes = (system.amplitudes[:, :, None] * shares).reshape(system.frames, -1)
-        source = system.source
-        if source.tilts_rad is not None:
-            source = dataclasses.replace(source, tilts_rad=np.repeat(source.tilts_rad, 2, axis=0))
-        return dataclasses.replace(system, wavelengths_m=lines, amplitudes=amplitudes, source=source)
+        return _with_lines(system, np.array([0.0, v["offset"]]), np.array([1 - v["share"], v["share"]]))
+
+
+def _with_lines(system: System, offsets_m: NDArray[np.float64], shares: NDArray[np.float64]) -> System:
+    """A system of which each laser is several, (line,) beside its wavelength, with these shares of its power."""
+    lines = (system.wavelengths_m[:, None] + offsets_m).ravel()
+    amplitudes = (system.amplitudes[:, :, None] * shares).reshape(system.frames, -1)
+    source = system.source
+    if source.tilts_rad is not None:
+        source = dataclasses.replace(source, tilts_rad=np.repeat(source.tilts_rad, len(shares), axis=0))
+    return dataclasses.replace(system, wavelengths_m=lines, amplitudes=amplitudes, source=source)
 
 
 _QUADRATURE_POINTS = ((2.5e-9, 5), (5e-9, 7), (np.inf, 11))  # (standard deviation up to which, number of points)
@@ -142,12 +146,7 @@ class Bandwidth(Effect):
         if v["sigma"] == 0:
             return system
         nodes, weights = line_quadrature(_point_count(v["sigma"]), v["top"])
-        lines = (system.wavelengths_m[:, None] + v["sigma"] * nodes).ravel()
-        amplitudes = (system.amplitudes[:, :, None] * weights).reshape(system.frames, -1)
-        source = system.source
-        if source.tilts_rad is not None:
-            source = dataclasses.replace(source, tilts_rad=np.repeat(source.tilts_rad, len(nodes), axis=0))
-        return dataclasses.replace(system, wavelengths_m=lines, amplitudes=amplitudes, source=source)
+        return _with_lines(system, v["sigma"] * nodes, weights)
 
     def sample_phase(self, system: System, v: Values) -> float:
         """π·z·u²·δλ, summed over all ways to the farthest plane: u of the first order's edge, δλ between nodes."""

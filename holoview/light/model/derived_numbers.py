@@ -49,13 +49,10 @@ def info_rows(system: System, optimiser_bytes: int | None = None, light: LightFi
 
 def _chain(system: System) -> list[InfoRow]:
     """The lasers of a chain, its elements in the order of the light, and its planes."""
-    nm = [f"{λ * 1e9:.4g}" for λ in system.wavelengths_m]
     planes = ", ".join(f"{z * 1e3:.4g}" for z in system.planes_m)
     height_m, width_m = system.field_m
     return [
-        InfoRow("bench", "wavelengths", f"{len(nm)}: {', '.join(nm)} nm"),
-        InfoRow("bench", "frames", str(system.frames)),
-        InfoRow("bench", "source directions", str(len(system.source.directions_rad))),
+        *_lasers(system),
         InfoRow("bench", "field", f"{width_m * 1e3:.4g} x {height_m * 1e3:.4g} mm"),
         InfoRow(
             "bench", "focal planes", f"{planes} mm" + (f" from {system.planes_from}" if system.planes_from else "")
@@ -78,16 +75,22 @@ def _chain_diffraction(plan: Plan) -> list[InfoRow]:
     ]
 
 
+def _lasers(system: System) -> list[InfoRow]:
+    nm = [f"{λ * 1e9:.4g}" for λ in system.wavelengths_m]
+    return [
+        InfoRow("bench", "wavelengths", f"{len(nm)}: {', '.join(nm)} nm"),
+        InfoRow("bench", "frames", str(system.frames)),
+        InfoRow("bench", "source directions", str(len(system.source.directions_rad))),
+    ]
+
+
 def _bench(system: System) -> list[InfoRow]:
     modulator = system.modulators[0]
     rows, columns = modulator.shape
     width_m, height_m = columns * modulator.pitch_m, rows * modulator.pitch_m
-    nm = [f"{λ * 1e9:.4g}" for λ in system.wavelengths_m]
     levels = "continuous" if modulator.levels is None else f"{len(modulator.levels)} levels"
     out = [
-        InfoRow("bench", "wavelengths", f"{len(nm)}: {', '.join(nm)} nm"),
-        InfoRow("bench", "frames", str(system.frames)),
-        InfoRow("bench", "source directions", str(len(system.source.directions_rad))),
+        *_lasers(system),
         InfoRow("bench", "field", f"{columns} x {rows} samples")
         if system.is_field
         else InfoRow("bench", "modulators", f"{len(system.modulators)} of {columns} x {rows} pixels, {levels}"),

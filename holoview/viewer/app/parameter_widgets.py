@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -257,21 +257,28 @@ def levels_field(name: str, value: Any, doc: str) -> WidgetEdit | None:
 
 
 def _shape(name: str, value: tuple[int, int], doc: str) -> WidgetEdit | None:
-    changed, text = imgui.input_text(f"{name} (y, x)", f"{value[0]}, {value[1]}", _ENTER)
+    parts = _entered(f"{name} (y, x)", f"{value[0]}, {value[1]}", doc)
+    return None if parts is None else WidgetEdit([int(part) if part.isdecimal() else part for part in parts], False)
+
+
+def _entered(label: str, shown: str, doc: str) -> list[str] | None:
+    """Draws a text of values with commas between them; the values once Enter takes them over, else None."""
+    changed, text = imgui.input_text(label, shown, _ENTER)
     changed = is_taken_over(changed)
     tooltip(f"{doc} Enter takes them over, Escape drops them.")
-    parts = [part.strip() for part in text.split(",")]
-    if not changed:
-        return None
-    return WidgetEdit([int(part) if part.isdecimal() else part for part in parts], False)
+    return [part.strip() for part in text.split(",")] if changed else None
+
+
+def _entered_lengths(name: str, item: Number, value: Iterable[float], doc: str) -> list[str] | None:
+    """Draws lengths in the unit of their type; the lengths as text once Enter takes them over, else None."""
+    shown = ", ".join(format_value(item, float(x)).rpartition(" ")[0] for x in value)
+    parts = _entered(f"{name} ({item.unit})", shown, doc)
+    return None if parts is None else [f"{part} {item.unit}" for part in parts]
 
 
 def _places(name: str, kind: Several, value: tuple[float, ...], doc: str) -> WidgetEdit | None:
-    shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
-    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, _ENTER)
-    changed = is_taken_over(changed)
-    tooltip(f"{doc} Down, right; Enter takes them over, Escape drops them.")
-    return WidgetEdit([f"{part.strip()} {kind.item.unit}" for part in text.split(",")], False) if changed else None
+    lengths = _entered_lengths(name, kind.item, value, f"{doc} Down, right.")
+    return None if lengths is None else WidgetEdit(lengths, False)
 
 
 def _truth(name: str, value: bool, doc: str) -> WidgetEdit | None:
@@ -312,13 +319,8 @@ def _coefficients(name: str, kind: Coefficients, value: tuple[tuple[int, float],
 
 
 def _lengths(name: str, kind: Array, value: Any, doc: str) -> WidgetEdit | None:
-    shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
-    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, _ENTER)
-    changed = is_taken_over(changed)
-    tooltip(f"{doc} Several are parted by commas; Enter takes them over, Escape drops them.")
-    if not changed:
-        return None
-    return WidgetEdit([f"{part.strip()} {kind.item.unit}" for part in text.split(",") if part.strip()], False)
+    lengths = _entered_lengths(name, kind.item, value, f"{doc} Several are parted by commas.")
+    return None if lengths is None else WidgetEdit([length for length in lengths if not length.startswith(" ")], False)
 
 
 # --- Widgets for the stops of a relay: the square stop, and the centre of the iris and the square stop ---

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -214,7 +214,8 @@ class _StaticMask(ChainStudy):
     def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
         mask = folder / "mask.npy"
         if settings["display"] == LEARNED:
-            np.save(mask, _learned(settings, status))
+            two = chain_of(TWO, settings["lasers"], tuple(settings["shape"]), settings["planes"])
+            np.save(mask, learned_pattern(two, "second", settings, status))
         return chain_of(settings["display"], settings["lasers"], tuple(settings["shape"]), settings["planes"], mask)
 
     def claims(self, results: Results, lasers: int) -> list[Claim]:
@@ -263,9 +264,7 @@ class _FlatStudy(ChainStudy):
         return _flat(scale).description
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        shared = {"lasers": 3, "depth": False, "eyebox": scale.eyebox or _EYEBOX}
-        cases = {display: {"scheme": display, "display": display, **shared} for display in self.displays}
-        return case_jobs(self, cases, _flat(scale), seed)
+        return case_jobs(self, flat_cases(self.displays, scale.eyebox or _EYEBOX), _flat(scale), seed)
 
 
 class _HighContrast(_FlatStudy):
@@ -381,6 +380,12 @@ class _Michelson(_FlatStudy):
 _EQUAL_DB = 0.5  # within which displays are equal, as of other studies
 
 
+def flat_cases(displays: Iterable[str], eyebox: float) -> dict[str, dict[str, Any]]:
+    """A case of each display, of three lasers and a picture without depth."""
+    shared = {"lasers": 3, "depth": False, "eyebox": eyebox}
+    return {display: {"scheme": display, "display": display, **shared} for display in displays}
+
+
 def _flat(scale: StudyScale) -> StudyScale:
     """The scale with one dark picture in one plane."""
     return replace(scale, targets=("night",), planes=1)
@@ -396,13 +401,13 @@ _LEAST_GAIN_DB = 0.2
 """A second modulator's gain below which its parts are lost in the scatter of seeds."""
 
 
-def _learned(settings: Mapping[str, Any], status: StatusCallback) -> NDArray[np.float32]:
-    """The mask that is learned from pictures without the target."""
-    shape, planes = tuple(settings["shape"]), settings["planes"]
-    system = chain_of(TWO, settings["lasers"], shape, planes)
+def learned_pattern(
+    system: System, name: str, settings: Mapping[str, Any], status: StatusCallback
+) -> NDArray[np.float32]:
+    """The mask in place of an element of this name, learned from pictures without the target."""
     stacks = training_stacks(system, settings["pictures"], settings["target"])
     options = Settings(iterations=settings["iterations"], seed=settings["seed"], eyebox=settings["eyebox"])
-    for state in learn_mask(system, stacks, options, "second", device=resolve_torch_device()):
+    for state in learn_mask(system, stacks, options, name, device=resolve_torch_device()):
         status(f"mask {state.iteration}/{state.iterations}, {state.psnr_db.mean():.1f} dB")
     return state.mask
 

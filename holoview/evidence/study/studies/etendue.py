@@ -24,7 +24,7 @@ from holoview.evidence.study.hologram_study import (
     mean_number,
     paired_gains,
 )
-from holoview.evidence.study.studies.chains import ChainStudy, light_claim, training_stacks
+from holoview.evidence.study.studies.chains import ChainStudy, flat_cases, learned_pattern, light_claim
 from holoview.evidence.study.study import (
     QUICK,
     Claim,
@@ -34,9 +34,7 @@ from holoview.evidence.study.study import (
     StudyScale,
 )
 from holoview.holograms.metrics.fidelity import psnr_linear_srgb
-from holoview.holograms.optimise.learned_mask import ENOUGH_PICTURES, learn_mask
-from holoview.holograms.optimise.parallel import resolve_torch_device
-from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.optimise.learned_mask import ENOUGH_PICTURES
 from holoview.holograms.view import View
 from holoview.light.model import preset
 from holoview.light.model.chain import focal_lengths_m
@@ -76,11 +74,9 @@ class _EtendueExpander(ChainStudy):
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         pictures = 4 if scale.shape[0] <= QUICK.shape[0] else ENOUGH_PICTURES
-        shared = {"lasers": 3, "depth": False, "eyebox": scale.eyebox or _EYEBOX}
         cases = {
-            display: {"scheme": display, "display": display, **shared}
-            | ({"pictures": pictures} if display.startswith(_LEARNED) else {})
-            for display in self.displays
+            display: case | ({"pictures": pictures} if display.startswith(_LEARNED) else {})
+            for display, case in flat_cases(self.displays, scale.eyebox or _EYEBOX).items()
         }
         return case_jobs(self, cases, replace(scale, planes=1), seed)
 
@@ -93,7 +89,8 @@ class _EtendueExpander(ChainStudy):
         if mask == _RANDOM:
             values = np.random.default_rng(settings["seed"]).random(shape, np.float32)
         if mask == _LEARNED:
-            values = _learned(settings, shape, factor, status)
+            learning = _expander(shape, factor, {"kind": "phase", "shared": True})
+            values = learned_pattern(learning, "mask", settings, status)
         np.save(folder / "mask.npy", values)
         return _expander(shape, factor, {"kind": "mask", "file": str(folder / "mask.npy")})
 
@@ -152,18 +149,6 @@ def _expander(shape: tuple[int, int], factor: int, mask: Mapping[str, Any] | Non
     return preset.load("high-contrast").edit(changes)
 
 
-def _learned(
-    settings: Mapping[str, Any], shape: tuple[int, int], factor: int, status: StatusCallback
-) -> NDArray[np.float32]:
-    """The mask that is learned from pictures without the target."""
-    system = _expander(shape, factor, {"kind": "phase", "shared": True})
-    stacks = training_stacks(system, settings["pictures"], settings["target"])
-    options = Settings(iterations=settings["iterations"], seed=settings["seed"], eyebox=settings["eyebox"])
-    for state in learn_mask(system, stacks, options, "mask", device=resolve_torch_device()):
-        status(f"mask {state.iteration}/{state.iterations}, {state.psnr_db.mean():.1f} dB")
-    return state.mask
-
-
 def _block_means(picture: NDArray[np.float64], side: int) -> NDArray[np.float64]:
     """The means (plane, y, x, 3) of the light of a picture over squares of `side` samples."""
     planes, rows, columns, channels = picture.shape
@@ -188,8 +173,7 @@ class _DynamicFourier(ChainStudy):
         return replace(scale, planes=1, shape=(side, side)).description
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        shared = {"lasers": 3, "depth": False, "eyebox": scale.eyebox or _EYEBOX}
-        cases = {display: {"scheme": display, "display": display, **shared} for display in self.displays}
+        cases = flat_cases(self.displays, scale.eyebox or _EYEBOX)
         return case_jobs(self, cases, replace(scale, planes=1), seed)
 
     def system_of(self, settings: Mapping[str, Any], status: StatusCallback, folder: Path) -> System:
