@@ -17,14 +17,13 @@ from holoview.light.colour import COLOUR_SPACES, ColourSpace, to_srgb8, xyz_to_l
 from holoview.light.engine.backend import open_executor, simulation_bytes
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.light_share import LightShares, figures_of, light_shares, needs_transforms
-from holoview.light.model.bench_parts import Modulator, Relay, Source
 from holoview.light.model.drives import chain_drives, short_drive
 from holoview.light.model.effects.registry import ActiveEffects
 from holoview.light.model.elements import ComplexModulator
 from holoview.light.model.eye import sample_degrees
 from holoview.light.model.focus import focused_planes, parse_planes
 from holoview.light.model.plan import make_plan
-from holoview.light.model.system import System
+from holoview.light.model.system import System, bench_of_field
 from holoview.light.model.validity import exceeded_limits
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.memory_limit import require_memory
@@ -377,20 +376,8 @@ def as_field(hologram: Hologram) -> Hologram:
     values = np.empty((system.frames, len(system.wavelengths_m), *way.shape), np.complex64)
     for frame, laser in np.ndindex(*values.shape[:2]):
         values[frame, laser] = stage_field(system, hologram.drive, last, plane_m, laser=laser, frame=frame).values
-    behind = replace(
-        system,
-        elements=(),
-        planes_from="",
-        planes_m=system.planes_m - way.behind_m,
-        modulators=(Modulator(way.sample_m, way.shape, content="field"),),
-        gap_m=None,
-        source=Source(),
-        relay1=Relay(),
-        relay2=replace(relay, square=square),
-        sampling=replace(system.sampling, upsample=1),
-        effects=(),
-    )
-    return Hologram(values, behind)
+    changes = {"planes_m": system.planes_m - way.behind_m, "relay2": replace(relay, square=square)}
+    return Hologram(values, bench_of_field(system, way.sample_m, way.shape, elements=(), planes_from="", **changes))
 
 
 def _ends_at_modulators(system: System) -> bool:

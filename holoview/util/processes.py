@@ -287,6 +287,12 @@ def read_lines(path: Path) -> list[str]:
         return []
 
 
+def environment_of_python() -> dict[str, str]:
+    """The environment of a further Python, which finds this package as this one does."""
+    package = str(Path(__file__).resolve().parents[2])
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))}
+
+
 # --- OpenMP -----------------------------------------------------------------------------------------------------------
 
 # An operation of torch ends when all of its threads have done their part. GNU's OpenMP lets those that are ready spin

@@ -211,12 +211,20 @@ class Swept:
 
 
 def _smooth(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Values (y, x) without what is finer than the beam, of means over blocks where there are many samples."""
-    blocks = [max(1, n // _SMOOTH_SAMPLES) for n in values.shape]
-    coarse = torch.nn.functional.avg_pool2d(torch.from_numpy(values)[None, None], blocks, ceil_mode=True)[0, 0].numpy()
-    blurred = scipy.ndimage.gaussian_filter(coarse, [n * _SMOOTH for n in coarse.shape], mode="nearest", truncate=3.0)
-    fine = torch.nn.functional.interpolate(torch.from_numpy(blurred)[None, None], values.shape, mode="bilinear")
-    return np.asarray(fine[0, 0].numpy())
+    """Values (y, x) without what is finer than the beam."""
+    return np.asarray(smoothed(torch.from_numpy(values), _SMOOTH_SAMPLES, _SMOOTH, truncate=3.0).numpy())
+
+
+def smoothed(values: Tensor, samples: int, share: float, *, truncate: float = 4.0) -> Tensor:
+    """Values (y, x) convolved with a Gaussian of σ = `share` of each side, cut off at `truncate`·σ.
+
+    samples: of a side with more, means over blocks are smoothed, and interpolated.
+    """
+    blocks = [max(1, n // samples) for n in values.shape]
+    coarse = torch.nn.functional.avg_pool2d(values[None, None], blocks, ceil_mode=True)[0, 0].numpy()
+    sigmas = [n * share for n in coarse.shape]
+    blurred = scipy.ndimage.gaussian_filter(coarse, sigmas, mode="nearest", truncate=truncate)
+    return torch.nn.functional.interpolate(torch.from_numpy(blurred)[None, None], values.shape, mode="bilinear")[0, 0]
 
 
 def squared_slopes(field: Tensor) -> Tensor:

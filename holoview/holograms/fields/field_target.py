@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from holoview.holograms.fields.wavefield import Wavefield
 from holoview.light.colour import observer_weights, xyz_to_linear_srgb
-from holoview.light.model.bench_parts import Modulator, Relay, Source
+from holoview.light.model.bench_parts import Relay
 from holoview.light.model.plan import Plan, make_plan
-from holoview.light.model.system import System
+from holoview.light.model.system import System, bench_of_field
 from holoview.light.optics.bench import pupil_without_effects, relay_response
 from holoview.light.optics.free_space import AngularSpectrum, SampleWindow
 from holoview.util import units
@@ -60,18 +60,8 @@ class FieldTarget:
 
     def _bench_seen_by_eye(self, system: System, window: SampleWindow) -> System:
         """The bench of the light in the plane of the last modulator, on a system's samples, seen by its eye."""
-        return replace(
-            system,
-            wavelengths_m=self.field.wavelengths_m,
-            amplitudes=self.amplitudes,
-            modulators=(Modulator(window.pitch_m[0], window.shape, content="field"),),
-            gap_m=None,
-            source=Source(),
-            relay1=Relay(),
-            relay2=Relay(),
-            sampling=replace(system.sampling, upsample=1),
-            effects=(),
-        )
+        lasers = {"wavelengths_m": self.field.wavelengths_m, "amplitudes": self.amplitudes}
+        return bench_of_field(system, window.pitch_m[0], window.shape, relay2=Relay(), **lasers)
 
     def fields(self, system: System, plane_m: float) -> NDArray[np.complex64]:
         """The field (frame, wavelength, y, x) of each laser of a system, in one of its planes, on its samples.

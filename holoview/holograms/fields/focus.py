@@ -31,12 +31,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import scipy.ndimage
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from holoview.holograms.fields.depth_sweep import MOST_SAMPLES, Level, Swept
+from holoview.holograms.fields.depth_sweep import MOST_SAMPLES, Level, Swept, smoothed
 from holoview.holograms.fields.focused_objects import (
     APART_DEPTHS,
     MOST_UNEXPLAINED,
@@ -550,11 +549,7 @@ def _lit(field: Tensor) -> Tensor:
 
 def _local_mean(intensity: Tensor) -> Tensor:
     """The mean of an intensity (y, x) over a Gaussian of the width `_LOCAL`, and a little of the whole mean."""
-    blocks = [max(1, n // _BLOCKS) for n in intensity.shape]
-    coarse = torch.nn.functional.avg_pool2d(intensity[None, None], blocks, ceil_mode=True)[0, 0]
-    blurred = scipy.ndimage.gaussian_filter(coarse.numpy(), [n * _LOCAL for n in coarse.shape], mode="nearest")
-    fine = torch.nn.functional.interpolate(torch.from_numpy(blurred)[None, None], intensity.shape, mode="bilinear")
-    return fine[0, 0] + _DARK * intensity.mean()
+    return smoothed(intensity, _BLOCKS, _LOCAL) + _DARK * intensity.mean()
 
 
 def _middle(values: Tensor, shape: tuple[int, int]) -> Tensor:

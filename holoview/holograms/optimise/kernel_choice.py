@@ -33,6 +33,7 @@ from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import cache_dir
 from holoview.util.packages import import_optional
+from holoview.util.processes import environment_of_python
 
 _FORMAT = 3
 """Of the file of choices; to be increased when kernels become faster or slower."""
@@ -147,14 +148,12 @@ class Compiler:
     """A process that compiles the kernels, times both, and remembers the choice. It ends with this program."""
 
     def __init__(self) -> None:
-        package = str(Path(__file__).resolve().parents[3])
-        path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
         self._process = subprocess.Popen(
             [sys.executable, "-m", __name__],
             stdin=subprocess.PIPE,  # closed when this program ends, however it does
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": path},
+            env=environment_of_python(),
         )
         weakref.finalize(self, _end, self._process)
 

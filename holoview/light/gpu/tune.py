@@ -20,7 +20,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -42,6 +41,7 @@ from holoview.light.gpu.shader import ShaderError
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import cache_dir
+from holoview.util.processes import environment_of_python
 
 __all__ = ["BUDGET_S", "FftTuner", "StrategyOption", "TuningResult", "TuningStore", "remembered_strategy"]
 
@@ -374,8 +374,6 @@ class TuningProcess:
     """
 
     def __init__(self, adapter: str, budget_s: float, arguments: Sequence[str] = WORKER_ARGUMENTS) -> None:
-        package = str(Path(__file__).resolve().parents[3])
-        path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
         self._answers: SimpleQueue[Message] = SimpleQueue()
         self._process = subprocess.Popen(
             [sys.executable, *arguments],
@@ -384,7 +382,7 @@ class TuningProcess:
             stderr=subprocess.DEVNULL,
             text=True,
             encoding="utf-8",
-            env={**os.environ, "PYTHONPATH": path},
+            env=environment_of_python(),
         )
         self._reader = threading.Thread(target=_collect, args=(self._process, self._answers), daemon=True)
         self._reader.start()

@@ -13,7 +13,7 @@ A `System` describes this bench and computes nothing; `holoview.light.model.plan
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -530,3 +530,17 @@ def _in_elements(system: System, changes: dict[str, Any], heads: set[str]) -> di
         key = min(beside)
         raise UserError(key, "changed together with elements", expected="one of them", remedy="change elements alone")
     return {"modulators": (), "gap": None, "relay1": Relay(), "relay2": Relay(), "elements": system.elements} | changes
+
+
+def bench_of_field(system: System, pitch_m: float, shape: tuple[int, int], **changes: Any) -> System:
+    """A system with the plane of a field in place of its modulators and of the light before them.
+
+    pitch_m, shape: of the field's samples, (rows, columns). changes: of further fields of the system.
+    """
+    plane: dict[str, Any] = {
+        "modulators": (Modulator(pitch_m, shape, content="field"),),
+        "gap_m": None,
+        "source": Source(),
+    }
+    sampling = replace(system.sampling, upsample=1)
+    return replace(system, **plane | {"relay1": Relay(), "sampling": sampling, "effects": ()} | changes)

@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 from holoview.holograms.targets.framing import KINDS, LEAST_SHARE, Framing
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
-from holoview.viewer.app.viewport import Viewport
+from holoview.viewer.app.viewport import Viewport, next_corner
 from holoview.viewer.app.widgets import combo, fine_slider, tooltip, wrapped_text
 from holoview.viewer.document.target_builder import TargetSpec, thumbnail_xyz
 from holoview.viewer.render.scene import DeviceImage, uploaded_image
@@ -64,8 +64,7 @@ class FramingEditor:
         room = imgui.get_content_region_avail().x, _HEIGHT_EM * imgui.get_font_size()
         scale = min(room[0] / picture.shape[1], room[1] / picture.shape[0])
         size = max(int(picture.shape[1] * scale), 8), max(int(picture.shape[0] * scale), 8)
-        corner = imgui.get_cursor_screen_pos()
-        corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+        corner = next_corner()
         self._viewport.draw(picture, None, _OWN_COLOURS, size, corner, is_stretched=True)
         imgui.invisible_button("##framed picture", imgui.ImVec2(*size))
         context.record_item_rect("framed picture")

@@ -68,6 +68,12 @@ def visible_area_of(view: ViewSettings, size: tuple[int, int], shape: tuple[int,
     return VisibleArea(size, (-left * step[0], -top * step[1]), step)
 
 
+def next_corner() -> imgui.ImVec2:
+    """Where the next item begins, on a whole pixel."""
+    corner = imgui.get_cursor_screen_pos()
+    return imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+
+
 def _whole_pixel(position: float) -> int:
     """The nearest whole number; halves go down, rounded or not, so that a drag by n pixels moves by n from anywhere."""
     return math.ceil(position - 0.5 - _HALF_TOLERANCE)
@@ -302,8 +308,7 @@ class PlaneTiles:
 
     def draw(self, plane_m: float, picture: DeviceImage | None, size: tuple[int, int], is_chosen: bool) -> bool:
         """Draws a tile of `size` (x, y) logical pixels and returns whether it was clicked."""
-        corner = imgui.get_cursor_screen_pos()
-        corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+        corner = next_corner()
         name = f"{plane_m * 1e3:.4g} mm"
         clicked = imgui.invisible_button(f"##{self._name} {name}", imgui.ImVec2(*size))
         self._context.record_item_rect(f"{self._name} {name}")

@@ -12,7 +12,7 @@ from holoview.util.text import printable
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.user_input import digit_pressed
-from holoview.viewer.app.viewport import Viewport, tile_size, tile_view_settings
+from holoview.viewer.app.viewport import Viewport, next_corner, tile_size, tile_view_settings
 from holoview.viewer.app.widgets import button, command_button, tooltip
 from holoview.viewer.render.scene import DeviceImage
 from holoview.viewer.render.view_settings import NOW, ComparisonSide
@@ -109,8 +109,7 @@ class HologramsPanel(Panel):
         imgui.end_child()
 
     def _draw_tile(self, context: AppContext, side: ComparisonSide, name: str, size: tuple[int, int]) -> bool:
-        corner = imgui.get_cursor_screen_pos()
-        corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+        corner = next_corner()
         clicked = imgui.invisible_button(f"##{name}", imgui.ImVec2(*size))
         tooltip(f"{name}\nclick: look at it; double click: edit a copy of it")
         end, canvas = imgui.ImVec2(corner.x + size[0], corner.y + size[1]), imgui.get_window_draw_list()

@@ -20,7 +20,7 @@ from holoview.viewer.app.readout import (
     side_labels,
     waiting_text,
 )
-from holoview.viewer.app.viewport import PlaneSheet, Viewport, pane_count, zoom_to_fit
+from holoview.viewer.app.viewport import PlaneSheet, Viewport, next_corner, pane_count, zoom_to_fit
 from holoview.viewer.document.focus_edits import eyebox_half_m, focus_on, step_focus
 from holoview.viewer.document.optimisation_job import OptimisationJob, running_optimisation
 from holoview.viewer.render.scene import DeviceImage
@@ -66,8 +66,7 @@ class ImagePanel(Panel):
         available = imgui.get_content_region_avail()
         footer = readout_height(context, available.x) + 4
         size = (max(int(available.x), 16), max(int(available.y - footer), 16))
-        corner = imgui.get_cursor_screen_pos()
-        corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+        corner = next_corner()
         if view.page == "planes":
             self._draw_sheet(context, size)
             return

@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.viewport import Viewport, tile_view_settings
+from holoview.viewer.app.viewport import Viewport, next_corner, tile_view_settings
 from holoview.viewer.app.widgets import combo, share_of_width, show_tooltip, tooltip
 from holoview.viewer.document.focus_edits import focus_at, focus_range_m
 from holoview.viewer.render.point_probe import WINDOWS, SeenPoint, SeenSections, angle_deg
@@ -139,8 +139,7 @@ def _draw_picture(
     context: AppContext, shown: Viewport, name: str, picture: DeviceImage, view: ViewSettings, size: tuple[int, int]
 ) -> None:
     """Draws the whole of a picture as an item of this name."""
-    corner = imgui.get_cursor_screen_pos()
-    corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+    corner = next_corner()
     shown.draw(picture, None, view, size, corner, is_stretched=True)
     imgui.invisible_button(f"##{name}", imgui.ImVec2(*size))
     context.record_item_rect(name)

@@ -15,7 +15,7 @@ from holoview.holograms.files.request import Order
 from holoview.holograms.load_field import Recorded
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.viewport import Viewport
+from holoview.viewer.app.viewport import Viewport, next_corner
 from holoview.viewer.app.widgets import button, combo, is_taken_over, share_of_width, tooltip
 from holoview.viewer.render.view_settings import ViewSettings
 
@@ -71,8 +71,7 @@ class RecordingPanel(Panel):
             return
         available = imgui.get_content_region_avail()
         side = max(int(min(available.x, available.y)), 64)
-        corner = imgui.get_cursor_screen_pos()
-        corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+        corner = next_corner()
         self._picture.draw(picture, None, _OWN_COLOURS, (side, side), corner, is_stretched=True)
         imgui.invisible_button("##recording", imgui.ImVec2(side, side))
         context.record_item_rect("recording")
