@@ -23,12 +23,12 @@ from holoview.bench.captures.records.corrections import apply_corrections
 from holoview.bench.diagnose.extended_model import extended_system, with_preset_geometry
 from holoview.bench.diagnose.intervals import format_value
 from holoview.bench.diagnose.likelihood import Values
-from holoview.bench.diagnose.pipeline import diagnose
+from holoview.bench.diagnose.pipeline import DiagnosisOptions, diagnose
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.bench.experiment.closed_loop import LoopResult, LoopSettings, diagnose_rig
 from holoview.bench.experiment.rig_bench import KnownEffects
 from holoview.bench.rig.registration import read_registration
-from holoview.commands.arguments import add_fields, given_fields, parse_duration, parse_effects, whole
+from holoview.commands.arguments import add_fields, given_fields, parse_effects
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
 from holoview.light.model import preset
@@ -83,22 +83,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="leave out of the report what the extended model buys on the display, which takes half a minute",
     )
     duration = parser.add_mutually_exclusive_group()
-    duration.add_argument(
-        "--time",
-        metavar="TIME",
-        type=parse_duration,
-        help="search to the end, but for at most so long, e.g. 10min, then tell the best that was found (default: as "
-        "much work as two cores do in about a minute, up to five for large modulators)",
-    )
-    duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
+    add_fields(duration, DiagnosisOptions, "time", "thorough")
     add_fields(parser, SamplingConfig, "finer", "padding", "points")
-    parser.add_argument(
-        "--workers",
-        metavar="N",
-        type=whole(1, 1024),
-        default=min(process_cpu_count(), _MAX_DEFAULT_WORKERS),
-        help="processes side by side (default: cores, at most 8)",
-    )
+    workers = min(process_cpu_count(), _MAX_DEFAULT_WORKERS)
+    add_fields(parser, DiagnosisOptions, "workers", defaults={"workers": workers})
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:

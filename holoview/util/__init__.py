@@ -12,7 +12,9 @@ file_writer       files written whole or not at all, under locks; `WriteError` f
 safetensors_file  named tensors with metadata in safetensors files; comparison of a checkpoint with its run
 memory_limit      how much memory may be taken, and the refusal of more
 processes         signals that ask the program to end, its end beside working threads, when a process began; how many
-                  processors there are; a thread for the latest request
+                  processors there are
+mailbox           a thread beside its owner: calls in their order or the latest request alone, results as calls of the
+                  owner
 packages          version of the installed package; imports of libraries that a plain installation leaves out
 progress          types of functions that report progress
 figures           figures of matplotlib as files, contact sheets

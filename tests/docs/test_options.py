@@ -10,7 +10,9 @@ import pytest
 
 import holoview
 from holoview.bench.calibrate.train import CalibrationSettings
+from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances
+from holoview.bench.diagnose.pipeline import DiagnosisOptions
 from holoview.bench.experiment.closed_loop import LoopSettings
 from holoview.holograms.optimise.hologram_job import RunOptions
 from holoview.holograms.optimise.settings import Settings
@@ -22,6 +24,7 @@ TABLES = {
     "optimiser.md": (Settings, RunOptions),
     "calibration.md": (CalibrationSettings,),
     "captures.md": (AcquisitionSettings, Nuisances),
+    "diagnosis.md": (DiagnosisOptions, SamplingConfig),
     "rig-reference.md": (LoopSettings,),
 }
 

@@ -89,6 +89,7 @@ from holoview.light.model.effects.registry import (
     unmet_by_bench,
     unmet_by_data,
 )
+from holoview.light.model.fields import Duration, Integer, Maybe, Truth, described_field, with_field_docs
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback, TextCallback, no_progress
 
@@ -115,6 +116,31 @@ change the light from beyond by the error of an error."""
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
+@with_field_docs
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How far a diagnosis searches, with how many processes. The ranges are those of a user's choice.
+
+    Fields:
+    """
+
+    workers: int = described_field(
+        Integer(1, 1024),
+        "Processes side by side, and threads where one fit follows another; results depend on their number by rounding "
+        "alone. The command takes as many as there are cores, at most 8.",
+        default=1,
+    )
+    time_s: float | None = described_field(
+        Maybe(Duration()),
+        "Search to the end, but for at most so long, e.g. 10min, then tell the best that was found; records, intervals "
+        "and notes take a little longer. If absent as much work as two cores do in about a minute, up to five for "
+        "large modulators, so that the result doesn't depend on the machine's speed.",
+        flag="time",
+        default=None,
+    )
+    thorough: bool = described_field(Truth(), "Search to the end, however long that takes.", default=False)
+
+
 def diagnose(
     captures: Captures,
     effects: Iterable[Effect] | None = None,
@@ -138,14 +164,10 @@ def diagnose(
     known: effects that the nominal model has, {id: {parameter: value}}; the values found add to them.
     uncertain: standard deviations of known effects that were measured, {id: {parameter: value}}; their errors are
     fitted first, within these. `Diagnosis.known` has the known effects as they were used.
-    workers: processes, and threads where one fit follows another; results depend on their number by rounding
-    alone. With more than one, a script needs the usual `if __name__ == "__main__":` of Python's multiprocessing.
+    workers, thorough, time_s: as in `DiagnosisOptions`; the work by default is `config.budget.max_fields`. With more
+    than one worker, a script needs the usual `if __name__ == "__main__":` of Python's multiprocessing.
     progress: called with (done, total, what).
     free_maps: look for the place of an error that no effect explains, if one remains.
-    thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
-    about a minute for 128 × 96 modulator pixels on two cores.
-    time_s: the search ends after so long with its best result; records, intervals and notes take a little
-    longer. None: it ends at its budget of fields alone, so that the result doesn't depend on the machine's speed.
     is_asked_to_end: asked now and then; the search ends in the same way once it returns True.
     so_far: called with a sentence when the search has found a better result.
     forecast: called with a sentence before the search: how many fields it computes at most, and the seconds that these
@@ -165,9 +187,22 @@ def diagnose(
     check_known_effects(captures, known)
     candidates = list(effects_of(captures.data_properties()) if effects is None else effects)
     free_maps = free_maps and captures.chain is None  # which are of modulator 1 and 2
-    most_s = math.inf if time_s is None else time_s
-    given = (workers, progress or no_progress, free_maps, thorough, most_s, is_asked_to_end, so_far, forecast, sampling)
-    request = _Request(candidates, known, uncertain or {}, *given, config or SearchConfig(), sampling == PLAIN)
+    request = _Request(
+        candidates=candidates,
+        known=known,
+        uncertain=uncertain or {},
+        workers=workers,
+        progress=progress or no_progress,
+        free_maps=free_maps,
+        thorough=thorough,
+        time_s=math.inf if time_s is None else time_s,
+        is_asked_to_end=is_asked_to_end,
+        so_far=so_far,
+        forecast=forecast,
+        sampling=sampling,
+        config=config or SearchConfig(),
+        has_open_sampling=sampling == PLAIN,
+    )
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
