@@ -23,7 +23,7 @@ Run = Callable[..., Any]
         (("c.h5", "--rig", "rig.toml"), "both are given"),
         (("c.h5", "--certainty", "0.9"), "--certainty: is of captures that are taken"),
         (("c.h5", "--captures", "9"), "--captures: is of captures that are taken"),
-        (("--rig", "rig.toml", "--certainty", "1"), "--certainty: 1; expected 0.5 or more, below 1"),
+        (("--rig", "rig.toml", "--certainty", "1"), "--certainty: 1.0; expected 0.5 or more, below 1"),
         (("--rig", "rig.toml", "--captures", "0"), "--captures: '0'; expected a whole number of at least 1"),
         (("--rig", "rig.toml", "--preset", "holochrome-8"), "state the geometry in rig.toml"),
     ],

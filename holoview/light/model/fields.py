@@ -67,11 +67,7 @@ class Number:
         else:
             number = units.to_float(value)
         if not (math.isfinite(number) and self.low <= number <= self.high):
-            found = (
-                str(number).removesuffix(".0")
-                if self.words and not self.unit
-                else f"{self._show(number)} is out of range"
-            )
+            found = str(number) if self.words and not self.unit else f"{self._show(number)} is out of range"
             raise UserError(where, found, expected=self.format_range())
         return number
 
