@@ -187,22 +187,9 @@ def diagnose(
     check_known_effects(captures, known)
     candidates = list(effects_of(captures.data_properties()) if effects is None else effects)
     free_maps = free_maps and captures.chain is None  # which are of modulator 1 and 2
-    request = _Request(
-        candidates=candidates,
-        known=known,
-        uncertain=uncertain or {},
-        workers=workers,
-        progress=progress or no_progress,
-        free_maps=free_maps,
-        thorough=thorough,
-        time_s=math.inf if time_s is None else time_s,
-        is_asked_to_end=is_asked_to_end,
-        so_far=so_far,
-        forecast=forecast,
-        sampling=sampling,
-        config=config or SearchConfig(),
-        has_open_sampling=sampling == PLAIN,
-    )
+    most_s = math.inf if time_s is None else time_s
+    given = (workers, progress or no_progress, free_maps, thorough, most_s, is_asked_to_end, so_far, forecast, sampling)
+    request = _Request(candidates, known, uncertain or {}, *given, config or SearchConfig(), sampling == PLAIN)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
