@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,15 +56,25 @@ def data_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-def bar_chart(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str) -> Callable[[Figure], None]:
-    """A bar chart with a group of bars for each label, and a colour for each name in `values`. axis: title and unit."""
+def bar_chart(
+    labels: Sequence[str],
+    values: Mapping[str, Sequence[float]],
+    axis: str,
+    errors: Mapping[str, Sequence[float]] = MappingProxyType({}),
+) -> Callable[[Figure], None]:
+    """A bar chart with a group of bars for each label, and a colour for each name in `values`.
+
+    axis: title and unit. errors: of values, by their names, drawn as error bars.
+    """
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         positions, width = np.arange(len(labels)), 0.8 / len(values)
         digits = "%.2f" if len(labels) * len(values) <= _MAX_TWO_DECIMAL_BARS else "%.1f"
         for i, (name, heights) in enumerate(values.items()):
-            group = axes.bar(positions + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
+            group = axes.bar(
+                positions + (i - (len(values) - 1) / 2) * width, heights, width, label=name, yerr=errors.get(name)
+            )
             axes.bar_label(group, fmt=digits, fontsize=_SMALL_FONT_PT)
         _label_bars(axes, labels, positions)
         axes.set_ylabel(axis)
@@ -94,8 +105,9 @@ def line_plot(
     *,
     dashed: Sequence[str] | Mapping[str, str] = (),
     logarithmic: bool = False,
+    errors: Mapping[str, Sequence[float]] = MappingProxyType({}),
 ) -> Callable[[Figure], None]:
-    """Curves (x, y) by name. logarithmic: both axes.
+    """Curves (x, y) by name. logarithmic: both axes. errors: of y, by the names of curves, drawn as error bars.
 
     dashed: names of curves that are theory or reference; with the name of the curve before them to which each belongs,
     it has the colour of that.
@@ -106,8 +118,9 @@ def line_plot(
         axes, colours = figure.subplots(), dict[str, Any]()
         for name, (x, y) in curves.items():
             style = {"color": colours.get(partners.get(name, ""), "black"), "linestyle": "--"} if name in dashed else {}
-            (drawn,) = axes.plot(x, y, **{"marker": "" if name in dashed else "o"} | style, **_LINE, label=name)
-            colours[name] = drawn.get_color()
+            style = {"marker": "" if name in dashed else "o"} | style
+            drawn = axes.errorbar(x, y, errors.get(name), **style, **_LINE, label=name)
+            colours[name] = drawn[0].get_color()
         axes.set_xlabel(x_axis)
         axes.set_ylabel(y_axis)
         if logarithmic:

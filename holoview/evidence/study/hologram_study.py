@@ -20,6 +20,7 @@ from __future__ import annotations
 import json
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,60 @@ def paired_gains(results: Results, better: JobSettings, worse: JobSettings, key:
         for settings in (better, worse)
     )
     return np.array([first[case] - second[case] for case in sorted(set(first) & set(second))])
+
+
+def case_table(results: Results, key: str, case: JobSettings) -> NDArray[np.float64]:
+    """A number of the jobs of a case, (target, seed), in the order of their names."""
+    found = {
+        (job.settings["target"], job.settings["seed"]): result.numbers[key]
+        for job, result in results
+        if has_settings(job, **case)
+    }
+    targets, seeds = (sorted(set(names)) for names in zip(*found, strict=True))
+    return np.array([[found[target, seed] for seed in seeds] for target in targets])
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A mean over scenes and seeds, and its standard errors.
+
+    over_seeds: of the means over scenes, for other seeds. over_scenes: of the means over seeds, for other scenes. NaN
+    where there is a single one.
+    """
+
+    mean: float
+    over_seeds: float
+    over_scenes: float
+
+    @classmethod
+    def of(cls, values: NDArray[np.float64]) -> Spread:
+        """Of values (scene, seed)."""
+        return cls(float(values.mean()), standard_error(values.mean(axis=0)), standard_error(values.mean(axis=1)))
+
+    @classmethod
+    def of_ratios(cls, values: NDArray[np.float64]) -> Spread:
+        """Of positive values (scene, seed): the geometric mean, with the errors of the logarithm as shares of it."""
+        logs = cls.of(np.log(values))
+        mean = float(np.exp(logs.mean))
+        return cls(mean, mean * logs.over_seeds, mean * logs.over_scenes)
+
+    def __format__(self, spec: str) -> str:
+        """The mean as `spec` says, and in brackets the errors over seeds and over scenes; a dash for an unknown one."""
+        smallest = 1e-9 * abs(self.mean)  # what rounding leaves of equal numbers
+        words = [
+            ("–" if np.isnan(error) else "0" if error < smallest else f"{error:.1g}")
+            for error in (self.over_seeds, self.over_scenes)
+        ]
+        return f"{self.mean:{spec}} ({'; '.join(words)})"
+
+
+SPREAD_NOTE = "In brackets: standard errors over seeds, and over scenes."
+"""How a report says what the format of `Spread` is."""
+
+
+def standard_error(values: NDArray[np.float64]) -> float:
+    """The standard error of the mean of independent values (n,); NaN of a single one."""
+    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
 
 
 def table_row(job: StudyJob, result: JobResult, names: Sequence[str]) -> dict[str, Any]:

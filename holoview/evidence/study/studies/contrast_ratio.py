@@ -8,7 +8,7 @@ white as well as many.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +20,8 @@ from holoview.evidence.study.display_contrast import WHITE, DisplayContrast, dis
 from holoview.evidence.study.hologram_study import (
     QUICK_SIZE,
     SHOWN,
+    SPREAD_NOTE,
+    Spread,
     has_settings,
     job_system,
     job_target,
@@ -110,22 +112,29 @@ class _ContrastRatio(Study):
         )
 
     def analyse(self, results: Results) -> Findings:
-        curves = {
-            f"{quantity}, {name}": (_COUNTS, [float(_values(results, quantity, name, n).mean()) for n in _COUNTS])
-            for quantity in _QUANTITIES
-            for name in _MODULATORS
+        cases = [(quantity, words, name) for quantity, words in _QUANTITIES.items() for name in _MODULATORS]
+        spreads = {
+            f"{quantity}, {name}": [Spread.of_ratios(_values(results, quantity, name, n)) for n in _COUNTS]
+            for quantity, _, name in cases
         }
-        draw = line_plot(curves, "number of wavelengths", "contrast ratio")
+        draw = line_plot(
+            {name: (_COUNTS, [found.mean for found in curve]) for name, curve in spreads.items()},
+            "number of wavelengths",
+            "contrast ratio",
+            errors={name: [found.over_seeds for found in curve] for name, curve in spreads.items()},
+        )
+        claims = [
+            Claim(f"{name}, {words}", "", _by_count(spreads[f"{quantity}, {name}"]), SHOWN)
+            for quantity, words, name in cases
+        ]
         return Findings(
             rows=[table_row(job, result, ("count", "modulators", "seed")) for job, result in results],
-            claims=[
-                Claim(f"{name}, {words}", "", _in_words(results, quantity, name), SHOWN)
-                for quantity, words in _QUANTITIES.items()
-                for name in _MODULATORS
+            claims=[*claims, *_comparisons(results)],
+            plots=[
+                StudyFigure("contrast-ratio", "Mean over seeds and scenes, with the standard error over seeds", draw)
             ],
-            plots=[StudyFigure("contrast-ratio", "Mean over seeds", draw)],
             pictures=_pictures(results),
-            notes=[_eyebox_note(results), *(_scene_note(results, name) for name in _MODULATORS)],
+            notes=[SPREAD_NOTE, _eyebox_note(results), *(_scene_note(results, name) for name in _MODULATORS)],
         )
 
 
@@ -141,17 +150,29 @@ def _scene_contrast(display: DisplayContrast, scene: str, status: StatusCallback
     return contrast_ratio(found[wanted >= high], found[wanted <= low])
 
 
-def _values(results: Results, key: str, modulators: str, count: int) -> NDArray[np.float64]:
-    found = [r.numbers[key] for job, r in results if has_settings(job, modulators=modulators, count=count)]
-    return np.array(found)
+def _values(results: Results, quantity: str, modulators: str, count: int) -> NDArray[np.float64]:
+    """A quantity (scene, seed); those that aren't of scenes as if there were one."""
+    keys = [f"scene_{scene}" for scene in _SCENES] if quantity == "scenes" else [quantity]
+    found = [r.numbers for job, r in results if has_settings(job, modulators=modulators, count=count)]
+    return np.array([[numbers[key] for numbers in found] for key in keys])
 
 
-def _in_words(results: Results, quantity: str, modulators: str) -> str:
-    parts = []
-    for count in _COUNTS:
-        values = _values(results, quantity, modulators, count)
-        parts.append(f"{count}: {values.mean():.3g} ± {values.std(ddof=1) if len(values) > 1 else 0:.2g}")
-    return ", ".join(parts)
+def _by_count(spreads: Sequence[Spread]) -> str:
+    return ", ".join(f"{count}: {found:.3g}" for count, found in zip(_COUNTS, spreads, strict=True))
+
+
+def _comparisons(results: Results) -> list[Claim]:
+    """Ratios of ratios, of pairs of equal scene and seed: of both displays, and of many wavelengths and two."""
+    both, few = list(_MODULATORS), 2
+    found = []
+    for quantity, words in _QUANTITIES.items():
+        values = {(name, n): _values(results, quantity, name, n) for name in both for n in _COUNTS}
+        gains = [Spread.of_ratios(values[both[0], n] / values[both[1], n]) for n in _COUNTS]
+        found.append(Claim(f"{both[0]} over {both[1]}, {words}", "", _by_count(gains), SHOWN))
+        for name in both:
+            change = Spread.of_ratios(values[name, _COUNTS[-1]] / values[name, few])
+            found.append(Claim(f"{_COUNTS[-1]} over {few} wavelengths, {name}, {words}", "", f"{change:.3g}", SHOWN))
+    return found
 
 
 def _eyebox_note(results: Results) -> str:
@@ -159,16 +180,15 @@ def _eyebox_note(results: Results) -> str:
     for name in _MODULATORS:
         values = [_values(results, "eyebox_white", name, count).mean() for count in _COUNTS]
         parts.append(f"{name} {min(values):.2f} to {max(values):.2f}")
-    return f"Variation of the eyebox of the white pictures: {'; '.join(parts)}. ± is the deviation between seeds."
+    return f"Variation of the eyebox of the white pictures: {'; '.join(parts)}."
 
 
 def _scene_note(results: Results, modulators: str) -> str:
-    """The mean over wavelengths and seeds of each scene, and how far scenes are apart."""
+    """The mean over seeds of each scene."""
     parts = []
     for count in _COUNTS:
-        means = np.array([_values(results, f"scene_{scene}", modulators, count).mean() for scene in _SCENES])
-        words = ", ".join(f"{scene} {mean:.3g}" for scene, mean in zip(_SCENES, means, strict=True))
-        parts.append(f"{count}: {words} (deviation between scenes {means.std(ddof=1):.2g})")
+        scenes = zip(_SCENES, _values(results, "scenes", modulators, count), strict=True)
+        parts.append(f"{count}: " + ", ".join(f"{scene} {Spread.of_ratios(row[None]):.3g}" for scene, row in scenes))
     return f"Brightest over darkest twentieth of scenes by the number of wavelengths, {modulators}: {'; '.join(parts)}."
 
 

@@ -17,10 +17,11 @@ from holoview.evidence.study.charts import bar_chart
 from holoview.evidence.study.hologram_study import (
     QUICK_SIZE,
     SHOWN,
+    SPREAD_NOTE,
     HologramStudy,
+    Spread,
     case_jobs,
-    has_settings,
-    paired_gains,
+    case_table,
     result_pictures,
     result_table,
     run_hologram_job,
@@ -89,66 +90,57 @@ class _Observers(HologramStudy):
     def analyse(self, results: Results) -> Findings:
         usual = _CASES["3 lasers"]
         claims = [
-            _difference_claim(results, label, case, usual, key, eyes)
+            Claim(
+                f"{label}, eyes used to {eyes}: people's ΔE2000, beside 3 lasers",
+                "",
+                f"{Spread.of(case_table(results, key, case) - case_table(results, key, usual)):+.2f}",
+                SHOWN,
+            )
             for key, eyes in (("delta_e_daylight", "daylight"), ("delta_e_display", "the display"))
             for label, case in _CASES.items()
             if case != usual
         ]
-        bars = {
-            what: [_mean_and_error(results, name, case)[0] for case in _CASES.values()]
-            for what, name in (
-                ("picture, eyes used to daylight", "delta_e_daylight"),
-                ("picture, eyes used to the display", "delta_e_display"),
-                ("white of the lasers", "delta_e_white"),
-            )
-        }
-        notes = [
-            f"{label}: ΔE2000 {_text(results, 'delta_e_daylight', case)} in daylight, "
-            f"{_text(results, 'delta_e_display', case)} used to the display, of 95 % of the people at most "
-            f"{_text(results, 'delta_e_daylight_95', case)}; white {_text(results, 'delta_e_white', case)} (the "
-            f"{_CHOOSERS} for whom wavelengths are chosen: {_text(results, 'delta_e_white_choosers', case)}); speckle "
-            f"contrast {_text(results, 'speckle_contrast', case)}; PSNR {_text(results, 'psnr_db', case)} dB."
-            for label, case in _CASES.items()
-        ]
+        notes = [_case_note(results, label, case) for label, case in _CASES.items()]
         notes += [
             f"{job.label}: {', '.join(f'{nm:.1f}' for nm in outcome.numbers['wavelengths_nm'])} nm"
             for job, outcome in results
             if job.settings["options"]
         ]
-        notes.append(
-            f"Means over targets and seeds with their standard errors. Colours are means of {PATCH} x {PATCH} samples."
-        )
-        caption = "Mean CIEDE2000 between a person and the average of 80"
+        notes.append(f"Means over targets and seeds. {SPREAD_NOTE} Colours are means of {PATCH} x {PATCH} samples.")
         return Findings(
             rows=result_table(results, "options"),
             claims=claims,
-            plots=[StudyFigure("observers", caption, bar_chart(list(_CASES), bars, "CIEDE2000"))],
+            plots=[_figure(results)],
             pictures=result_pictures(results),
             notes=notes,
         )
 
 
-def _difference_claim(
-    results: Results, label: str, case: Mapping[str, Any], usual: Mapping[str, Any], key: str, eyes: str
-) -> Claim:
-    """How much more, or less, people differ than with three lasers; pairs of equal target and seed."""
-    gains = paired_gains(results, case, usual, key)
-    error = f" ± {gains.std(ddof=1) / np.sqrt(len(gains)):.2f}" if len(gains) > 1 else ""
-    return Claim(
-        f"{label}, eyes used to {eyes}: people's ΔE2000, beside 3 lasers", "", f"{gains.mean():+.2f}{error}", SHOWN
+def _figure(results: Results) -> StudyFigure:
+    spreads = {
+        words: [Spread.of(case_table(results, name, case)) for case in _CASES.values()]
+        for words, name in (
+            ("picture, eyes used to daylight", "delta_e_daylight"),
+            ("picture, eyes used to the display", "delta_e_display"),
+            ("white of the lasers", "delta_e_white"),
+        )
+    }
+    bars = {words: [found.mean for found in column] for words, column in spreads.items()}
+    errors = {words: [found.over_scenes for found in column] for words, column in spreads.items()}
+    caption = "Mean CIEDE2000 between a person and the average of 80, with the standard error over scenes"
+    return StudyFigure("observers", caption, bar_chart(list(_CASES), bars, "CIEDE2000", errors))
+
+
+def _case_note(results: Results, label: str, case: Mapping[str, Any]) -> str:
+    def text(key: str) -> str:
+        return f"{Spread.of(case_table(results, key, case)):.3g}"
+
+    return (
+        f"{label}: ΔE2000 {text('delta_e_daylight')} in daylight, {text('delta_e_display')} used to the display, of "
+        f"95 % of the people at most {text('delta_e_daylight_95')}; white {text('delta_e_white')} (the {_CHOOSERS} for "
+        f"whom wavelengths are chosen: {text('delta_e_white_choosers')}); speckle contrast "
+        f"{text('speckle_contrast')}; PSNR {text('psnr_db')} dB."
     )
-
-
-def _mean_and_error(results: Results, key: str, case: Mapping[str, Any]) -> tuple[float, float]:
-    """The mean over targets and seeds, and its standard error; NaN of a single one."""
-    values = np.array([result.numbers[key] for job, result in results if has_settings(job, **case)])
-    error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
-    return float(values.mean()), error
-
-
-def _text(results: Results, key: str, case: Mapping[str, Any]) -> str:
-    mean, error = _mean_and_error(results, key, case)
-    return f"{mean:.3g} ± {error:.1g}" if error > 1e-6 * mean else f"{mean:.3g}"
 
 
 STUDIES = (_Observers(),)
