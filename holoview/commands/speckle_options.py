@@ -136,7 +136,8 @@ def meter_from_args(args: argparse.Namespace) -> Meter:
 def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None) -> list[str]:
     """All that was found beyond the contrast of the luminance, a line each."""
     grains = found.luminance.grains
-    width = " x ".join(f"{w:.2g}" for w in reversed(grains.width_px))
+    sides = zip(reversed(grains.width_px), found.region[2:], strict=True)
+    width = " x ".join(f">{side}" if math.isnan(w) else f"{w:.2g}" for w, side in sides)
     what = "standard error of the raw contrast" if found.withheld else "standard error"
     lines = [
         f"{what} {found.luminance.standard_error:.2g}, from {grains.count:.0f} independent grains, {width} samples "

@@ -253,8 +253,10 @@ def _check_stack(stack: NDArray[np.floating], expected: tuple[int, ...]) -> None
     """Raises UserError for a stack of another shape, without light, or with values that aren't finite."""
     if stack.shape != expected:
         raise UserError("target", f"a stack of shape {stack.shape}", expected=f"(plane, y, x, 3) = {expected}")
-    if not np.isfinite(stack).all() or not np.any(stack > 0):
-        raise UserError("target", "no light, or not a number somewhere", expected="finite values, some above 0")
+    if not np.isfinite(stack).all():
+        raise UserError("target", "a value that isn't a finite number", expected="linear light")
+    if not np.any(stack > 0):
+        raise UserError("target", "is black everywhere", expected="some light above 0")
 
 
 def _target_channels(loss: LossSpace, stack: NDArray[np.floating]) -> Tensor:

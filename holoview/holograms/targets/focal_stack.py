@@ -62,7 +62,7 @@ class Target:
     stack: (plane, y, x, 3) float32 linear sRGB with `brightness` already applied. planes_m: distances of the planes.
     source: its source, in words. notes: changes that were made on the way, for the user. are_planes_given: whether its
     pictures were given for the planes, as those of a rendered stack are, not made for them.
-    Raises UserError when the numbers of pictures and of planes differ, ValueError for other shapes.
+    Raises UserError when the numbers of pictures and of planes differ or all is black, ValueError for other shapes.
     """
 
     stack: NDArray[np.float32]
@@ -81,6 +81,8 @@ class Target:
                 f"has {len(self.stack)} pictures",
                 expected=f"one for each of the {len(self.planes_m)} planes",
             )
+        if not self.stack.any():
+            raise UserError(self.source, "is black everywhere", expected="a target with light in it")
 
     @classmethod
     def from_stack(
