@@ -144,7 +144,7 @@ PICTURES: list[tuple[list[str], list[str]]] = [
     (["empty.png"], ["empty.png", "the file is empty"]),
     (["missing.png"], ["missing.png", "no such file", "check the name"]),
     (["folder.png"], ["folder.png", "holds no pictures", "one a plane"]),
-    (["black.png"], ["no light"]),
+    (["black.png"], ["black everywhere"]),
     (["colour.png", "--depth", "narrow.png"], ["narrow.png", "31 x 24 pixels", "the picture's size, 32 x 24"]),
     (["colour.png", "--depth", "colour.png"], ["colour.png", "is in colour", "expected depths"]),
     (["colour.png", "--depth", "deep.npy"], ["deep.npy", "depths from 2 to 2", "0 (nearest) … 1 (farthest)"]),

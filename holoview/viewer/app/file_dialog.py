@@ -98,6 +98,8 @@ class FileDialog:
         entered, self.name = imgui.input_text("##name", self.name, imgui.InputTextFlags_.enter_returns_true)
         if imgui.is_window_appearing() or entered:
             imgui.set_keyboard_focus_here(-1)
+        if request.is_save and len(request.suffixes) > 1:
+            imgui.text_disabled(f"{', '.join(request.suffixes[:-1])} or {request.suffixes[-1]}: the name's end decides")
         if self.problem:
             imgui.text_colored(theme.signal_colour("error"), self.problem)
         accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered

@@ -127,7 +127,7 @@ def _figure(results: Results) -> StudyFigure:
     }
     bars = {words: [found.mean for found in column] for words, column in spreads.items()}
     errors = {words: [found.over_scenes for found in column] for words, column in spreads.items()}
-    caption = "Mean CIEDE2000 between a person and the average of 80, with the standard error over scenes"
+    caption = "Mean CIEDE2000 between a person and the average of 80; error bars over scenes, where there are several"
     return StudyFigure("observers", caption, bar_chart(list(_CASES), bars, "CIEDE2000", errors))
 
 
