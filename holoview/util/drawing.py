@@ -46,6 +46,7 @@ _WIDTHS = {
     "glass": 1.5,
 }
 _PNG_SCALE = 2
+_PNG_LETTERS = str.maketrans("×µ", "xu")  # which Pillow's own font lacks
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,8 @@ def as_png(drawing: Drawing) -> bytes:
             draw.line(points, fill=colour_of(stroke.role), width=round(line_width(stroke.role) * scale), joint="curve")
     for label in drawing.labels:
         font = ImageFont.load_default(label.size * scale)
-        draw.text((label.x * scale, label.y * scale), printable(label.text), colour_of(label.role), font, anchor="mm")
+        text = printable(label.text).translate(_PNG_LETTERS)
+        draw.text((label.x * scale, label.y * scale), text, colour_of(label.role), font, anchor="mm")
     buffer = BytesIO()
     image.save(buffer, format="PNG")
     return buffer.getvalue()

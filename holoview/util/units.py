@@ -87,6 +87,11 @@ def format_rounded(value: float, unit: str, digits: int = 4) -> str:
     return f"{value * 10.0 ** -_exponent(unit):.{digits}g} {unit}"
 
 
+def with_symbols(text: str) -> str:
+    """A text of units as a window or a drawing shows it, "µm" for "um"; files and the command line keep to ASCII."""
+    return re.sub(r"\bum\b", "µm", text)
+
+
 def format_duration(seconds: float) -> str:
     """A time in words of two digits or so: "0.24 s", "35 s", "4 min", "2.5 h"."""
     if seconds < 99.5:

@@ -362,3 +362,23 @@ def test_an_hour_of_edits_doesnt_fill_the_memory_of_the_archive(tmp_path: Path) 
         archive.write(SessionData(session.history, session.history_position, {}), {})
     assert len(list(tmp_path.glob("objects/*"))) == 1
     assert len(archive._systems) == 1 and len(archive._names) == 1
+
+
+def test_further_windows_on_a_file_are_counted_until_it_is_closed(tmp_path: Path) -> None:
+    """Only windows of other programs that began before, that still run, and that show the same."""
+    command = [sys.executable, "-c", _PROGRAM, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None and program.stdout.readline() == "saved\n"
+        os.kill(program.pid, signal.SIGSTOP)
+        (folder,) = (tmp_path / "sessions").iterdir()
+        folder.rename(folder.with_name("00000000-000000-0-0"))  # began before this program, whatever the clock says
+        title = SavedSession(folder.with_name("00000000-000000-0-0"), "", 0.0, 0).restore().document.title
+        store, session = SessionStore(tmp_path), EditingSession(bench.small_system())
+        autosave = store.start_autosave(session)
+        assert autosave.flush()
+        counts = [store.windows_before(name) for name in (title, f"{title}.png", session.document.title)]
+        program.kill()
+    assert counts == [1, 0, 0], "one shows it, and a program doesn't count itself"
+    assert store.windows_before(title) == 0
+    assert autosave.close() is None
+    session.close()

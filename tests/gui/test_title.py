@@ -12,6 +12,8 @@ from PIL import Image
 
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.image import ImagePanel
+from holoview.viewer.document.exports import save_hologram
+from holoview.viewer.document.session_store import SessionStore
 from tests.gui.conftest import Gui
 from tests.patience import PATIENCE_S
 
@@ -47,6 +49,17 @@ def test_the_title_is_the_files_name_with_a_star_for_unsaved_work(gui: Gui, tmp_
     gui.press_chord("Ctrl+Y")
     gui.draw_frames(2)
     assert gui.app.window.title == "mine.safetensors – holoview"
+
+
+def test_a_further_window_on_a_file_has_a_number(gui: Gui, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    monkeypatch.setattr(store, "windows_before", lambda title: int(title == "mine.safetensors"))
+    gui.context.store = store
+    gui.draw_frames(2)
+    assert gui.app.window.title == "holochrome-8 – holoview"
+    save_hologram(gui.session, tmp_path / "mine.safetensors")
+    gui.draw_frames(2)
+    assert gui.app.window.title == "mine.safetensors (2) – holoview"
 
 
 def test_an_opened_file_is_no_unsaved_work_and_a_picture_names_what_is_saved(gui: Gui, tmp_path: Path) -> None:

@@ -129,6 +129,7 @@ def test_info_writes_the_drawing_as_svg_and_png(
     root = ElementTree.fromstring(Path("bench.svg").read_text(encoding="utf-8"))
     texts = [node.text for node in root.iter("{http://www.w3.org/2000/svg}text")]
     assert texts == [label.text for label in drawing.labels]
+    assert "8 µm pitch" in texts and "512 × 384" in texts
     picture = np.asarray(Image.open("bench.png"))
     assert picture.shape == (round(2 * drawing.height), round(2 * drawing.width), 3)
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20

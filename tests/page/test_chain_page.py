@@ -315,7 +315,7 @@ def test_a_space_is_dragged_and_typed_in_the_drawing_and_is_in_the_link(browser:
     is_equal(page, hologram, moved, 3.1 * MM)
     page.locator("#bench rect.part[aria-label^='coarse']").focus()
     page.keyboard.press("Enter")
-    assert page.inner_text("#part-note").startswith("coarse, amplitude, 8 x 8, 24 um pitch: can't be changed on a page")
+    assert page.inner_text("#part-note").startswith("coarse, amplitude, 8 × 8, 24 µm pitch: can't be changed on a page")
     for link, says in (("#space.way=1mm", "spaces: expected metres"), ("#space.way%201=1", "a length with its unit")):
         page = open_page(browser, file, link)
         assert says in page.inner_text("#link-note")

@@ -72,6 +72,13 @@ def test_short_text_is_rounded_for_reading() -> None:
     assert units.format_rounded(541.428571e-9, "nm", digits=6) == "541.429 nm"
 
 
+def test_a_window_shows_micrometres_by_their_sign_and_words_as_they_are() -> None:
+    assert units.with_symbols("offset (um)") == "offset (µm)"
+    assert units.with_symbols("8 um pitch of a vacuum, 2 mm, 532 nm, um_per_px") == (
+        "8 µm pitch of a vacuum, 2 mm, 532 nm, um_per_px"
+    )
+
+
 @pytest.mark.parametrize(
     ("value", "quantity", "fragments"),
     [

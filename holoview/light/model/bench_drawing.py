@@ -85,8 +85,8 @@ def _parts_of_chain(system: System) -> list[Part]:
             what = ("Fourier plane behind",) if isinstance(element, Fourier) else ()
             parts.append(Part("lens", name, (focal_length, *what), key, before, of))
         elif isinstance(element, Pixels):
-            size = () if element.shape is None else (f"{element.shape[1]} x {element.shape[0]}",)
-            details = (element.kind, *size, f"{units.format_rounded(element.pitch_m, 'um')} pitch")
+            size = () if element.shape is None else (f"{element.shape[1]} × {element.shape[0]}",)
+            details = (element.kind, *size, _pitch(element.pitch_m))
             parts.append(Part("modulator", name, details, key, before, of))
         distance_m, of = 0.0, ""
     return parts
@@ -116,7 +116,7 @@ def _lasers(system: System) -> Part:
 
 def _modulator(modulator: Modulator, place: int, count: int, distance_m: tuple[float, ...]) -> Part:
     rows, columns = modulator.shape
-    details = [f"{columns} x {rows}", f"{units.format_rounded(modulator.pitch_m, 'um')} pitch"]
+    details = [f"{columns} × {rows}", _pitch(modulator.pitch_m)]
     if not modulator.is_field:
         details.append("continuous" if modulator.levels is None else f"{len(modulator.levels)} levels")
     name = "field" if modulator.is_field else "modulator" if count == 1 else f"modulator {place + 1}"
@@ -173,6 +173,10 @@ def draw_parts(parts: Sequence[Part], title: str) -> Drawing:
 
 def _corner(ends: Place, top: float) -> Place:
     return ends[0], top
+
+
+def _pitch(pitch_m: float) -> str:
+    return units.with_symbols(f"{units.format_rounded(pitch_m, 'um')} pitch")
 
 
 def _distance(part: Part) -> str:

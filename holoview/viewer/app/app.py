@@ -90,6 +90,7 @@ class App:
         self.awaits_frame = self.has_shown_image = False
         self.danger = ""
         self._measured: tuple[object, ...] = ()
+        self._counted = "", 1  # the title, and which of the windows of this title this is
         params = runner_params(self.panels, self._callbacks(), None if store is None else store.folder)
         if register_tests is not None:
             params.use_imgui_test_engine, params.callbacks.register_tests = True, register_tests
@@ -121,7 +122,7 @@ class App:
         self.context.received_fields.poll()
         self.context.side_renderers.leave_processor(bool(self.session.jobs.active))
         self.context.wants_measurement, self.context.picture_place = False, None
-        self.window.set_title(window_title(self.session))
+        self._show_title()
         self._take_keys()
         for guarded in self.panels:
             if guarded.panel.wants_to_open(self.context):
@@ -218,6 +219,13 @@ class App:
             _close_innermost_menu()
         if commands.is_repeating() and not is_typing:
             self.window.wake()
+
+    def _show_title(self) -> None:
+        """Names the file in the window's title; of several windows on it each further one has a number."""
+        title, store = self.session.document.title, self.context.store
+        if title != self._counted[0]:
+            self._counted = title, 1 + (0 if store is None else store.windows_before(title))
+        self.window.set_title(window_title(self.session, self._counted[1]))
 
     def _move_pupil(self) -> None:
         """Records where the pupil is, or moves it along its path, if either is being done."""
@@ -423,9 +431,10 @@ class Toasts:
         return top
 
 
-def window_title(session: EditingSession) -> str:
-    """The name of the file, with a star before it while there is work that no file has."""
-    return f"{'*' if session.has_unsaved_work else ''}{printable(session.document.title)} – holoview"
+def window_title(session: EditingSession, number: int = 1) -> str:
+    """The name of the file, with a star before it while there is work that no file has, and from 2 on a number."""
+    name = printable(session.document.title) + (f" ({number})" if number > 1 else "")
+    return f"{'*' if session.has_unsaved_work else ''}{name} – holoview"
 
 
 # --- menus ---

@@ -109,7 +109,7 @@ def unit_scale(kind: Number) -> float:
 
 def format_value(kind: Number, value: float) -> str:
     """A value in SI units as text with its unit."""
-    return units.format_rounded(value, kind.unit).replace("um", "µm") if kind.unit else f"{value:.4g}"
+    return units.with_symbols(units.format_rounded(value, kind.unit)) if kind.unit else f"{value:.4g}"
 
 
 def slider_range(kind: Number, reset: float) -> tuple[float, float]:
@@ -134,7 +134,7 @@ def _slider(
     name: str, scale: _Scale, value: float, reset: float, span: tuple[float, float], note: str
 ) -> WidgetEdit | None:
     low, high = (limit * scale.factor for limit in span)
-    text = f"%.4g {scale.unit.replace('um', 'µm')}".strip()
+    text = f"%.4g {units.with_symbols(scale.unit)}".strip()
     changed, shown = fine_slider(name, value * scale.factor, low, high, text, imgui.SliderFlags_.no_round_to_format)
     if _tooltip_and_reset(note):
         return WidgetEdit(reset, False)
@@ -272,7 +272,7 @@ def _entered(label: str, shown: str, doc: str) -> list[str] | None:
 def _entered_lengths(name: str, item: Number, value: Iterable[float], doc: str) -> list[str] | None:
     """Draws lengths in the unit of their type; the lengths as text once Enter takes them over, else None."""
     shown = ", ".join(format_value(item, float(x)).rpartition(" ")[0] for x in value)
-    parts = _entered(f"{name} ({item.unit})", shown, doc)
+    parts = _entered(f"{name} ({units.with_symbols(item.unit)})", shown, doc)
     return None if parts is None else [f"{part} {item.unit}" for part in parts]
 
 

@@ -101,6 +101,7 @@ class SessionStore:
         self.preferences = Preferences(self.folder / "preferences.json")
         self._sessions = self.folder / "sessions"
         self._taken_over: list[SavedSession] = []
+        self._own: Path | None = None
 
     def saved_sessions(self) -> list[SavedSession]:
         """All sessions that were saved at least once, newest first."""
@@ -110,6 +111,12 @@ class SessionStore:
     def crashed_sessions(self) -> list[SavedSession]:
         """Sessions whose process ended without closing them, newest first."""
         return [s for s in self.saved_sessions() if _is_locked(s.folder) and not _is_owner_alive(s.folder)]
+
+    def windows_before(self, title: str) -> int:
+        """Windows that other programs opened before this one and that show a document of this title."""
+        others = (folder for folder in self._folders() if self._own is None or folder.name < self._own.name)
+        open_ones = (folder for folder in others if _is_owner_alive(folder) and _owner_pid(folder) != os.getpid())
+        return sum(_shown_title(folder) == title for folder in open_ones)
 
     def last_session(self) -> SavedSession | None:
         """The session that was closed last."""
@@ -152,7 +159,7 @@ class SessionStore:
 
     def start_autosave(self, session: EditingSession) -> Autosave:
         """Saves the session whenever it changes, until the autosave is closed."""
-        folder = self._new_folder()
+        folder = self._own = self._new_folder()
         return Autosave(session, folder, partial(_open_folder, folder), partial(self._on_closed, folder))
 
     def _new_folder(self) -> Path:
@@ -201,6 +208,14 @@ def _open_folder(folder: Path) -> None:
     make_folder(folder)
     if not _is_locked(folder):
         _lock(folder)
+
+
+def _shown_title(folder: Path) -> Any:
+    """The title of the document of a session; None where it can't be read."""
+    try:
+        return read_metadata(folder).get("document")
+    except _UNREADABLE:
+        return None
 
 
 def _is_locked(folder: Path) -> bool:
@@ -368,7 +383,8 @@ def _tell_user(session: EditingSession, failure: Exception | None) -> None:
 
 def _metadata(data: SessionData) -> dict[str, Any]:
     document = data.present
-    return {"title": f"{document.system.name or 'bench'}: {document.origin}", "when": time.time(), "pid": os.getpid()}
+    title = f"{document.system.name or 'bench'}: {document.origin}"
+    return {"title": title, "document": document.title, "when": time.time(), "pid": os.getpid()}
 
 
 # Keeps stored state that can't be read: under another name, so that the program can begin anew and nothing is lost.

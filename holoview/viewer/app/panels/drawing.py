@@ -207,11 +207,10 @@ def _paint(drawing: Drawing, corner: imgui.ImVec2, scale: float) -> None:
                 canvas.add_line(first, second, _colour(colour_of(stroke.role)), width)
     for label in drawing.labels:
         size = label.size * scale
-        text = label.text if label.role == "name" else label.text.replace(" x ", " × ").replace(" um", " µm")
-        width = imgui.calc_text_size(text).x * size / imgui.get_font_size()
+        width = imgui.calc_text_size(label.text).x * size / imgui.get_font_size()
         at = place(label.x, label.y)
         at = imgui.ImVec2(at.x - width / 2, at.y - size / 2)
-        canvas.add_text(font, size, at, _colour(colour_of(label.role)), text)
+        canvas.add_text(font, size, at, _colour(colour_of(label.role)), label.text)
 
 
 def _fill(canvas: imgui.ImDrawList, stroke: DrawnLine, points: list[imgui.ImVec2]) -> None:
