@@ -37,6 +37,24 @@ def test_nothing_is_cut_off_in_a_small_window(make_gui: Callable[..., Gui], size
     assert cut == []
 
 
+def test_labels_are_seen_whole_in_text_of_twice_the_size(make_gui: Callable[..., Gui]) -> None:
+    """Not everywhere: tabs, values and the longest labels of Speckle and Files may be shortened there."""
+    gui = make_gui(size=(1280, 800))
+    gui.context.set_text_size(2.0)
+    gui.draw_until_idle()
+    cut = []
+    for title in ("Bench", "View", "Optimise", "Focal plane"):
+        gui.context.show_panel(title)
+        for _ in range(3):
+            gui.draw_frames()
+            gui.draw_until_idle()
+        window = imgui.internal.find_window_by_name(title)
+        room = window.work_rect.max.x - window.work_rect.min.x
+        if window.content_size.x > room + _SLACK_PX:
+            cut.append(f"{title}: {window.content_size.x:.0f} of {room:.0f}")
+    assert cut == []
+
+
 def test_the_texts_of_the_buttons_for_files_have_room(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(size=(1024, 700))
     gui.context.show_panel("Files")

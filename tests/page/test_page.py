@@ -767,6 +767,21 @@ def test_a_page_of_a_field_begins_with_the_exposure_that_render_chooses(tmp_path
 
 
 @needs_chromium
+@pytest.mark.parametrize("size", [(390, 844), (718, 700), (1600, 500)])
+def test_the_image_fills_its_frame_so_that_a_print_distorts_nothing(
+    browser: Browser, written: Written, size: tuple[int, int]
+) -> None:
+    """A print gives the canvas another size: both have the image's aspect, within the rounding of a pixel."""
+    page = open_page(browser, written.eye_page, "", *size)
+    rows, columns = page.evaluate("PAGE.shape")
+    for media in ("screen", "print"):
+        page.emulate_media(media=media)
+        box = page.evaluate(
+            "(({ width, height }) => [width, height])(document.getElementById('frame').getBoundingClientRect())"
+        )
+        assert abs(box[0] - box[1] * columns / rows) <= 1, (media, box)
+
+
 def test_a_drawing_that_is_cut_says_that_it_scrolls_and_is_whole_in_print(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.eye_page, "", 390, 800)
     assert page.locator("#scrolls").is_visible()

@@ -42,6 +42,7 @@ from holoview.light.model.focus import plane_label
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
+from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, new_figure
 
@@ -240,6 +241,7 @@ def report_html(
     """
     folder = files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.filters["symbols"] = units.with_symbols
     template = environment.from_string(folder.joinpath("hologram_report.html").read_text(encoding="utf-8"))
     charts = [chart for one in reviewed for chart in _charts(one, len(reviewed) == 1)]
     context = {
@@ -543,7 +545,7 @@ def _mtf_words(mtf: Mtf | str, view: View) -> str:
     if isinstance(mtf, str):
         return mtf
     if not np.isfinite(mtf.half):
-        return f"above a half to {mtf.cycles[-1]:.3g}"
+        return f"above a half to {mtf.cycles[-1]:.3g} cycles a sample"
     return _edge_words(mtf.as_json(view.degrees_per_sample))
 
 

@@ -147,16 +147,18 @@ class FilesPanel(Panel):
             return
         command_button(context, "Open…", width=-1)
         imgui.separator_text("save")
-        width = share_of_width(2)
-        for number, save in enumerate(self._saves):
-            label = f"{save.name.removeprefix('Save ').capitalize()}…"
-            command_button(context, f"{save.name}…", label, width=width, name=f"file: {save.name}")
-            if number % 2 == 0:
+        labels = [f"{save.name.removeprefix('Save ').capitalize()}…" for save in self._saves]
+        widest = max(imgui.calc_text_size(label).x for label in labels) + 2 * imgui.get_style().frame_padding.x
+        across = 2 if widest <= share_of_width(2) else 1
+        width = share_of_width(across)
+        for number, (save, label) in enumerate(zip(self._saves, labels, strict=True)):
+            if number % across:
                 imgui.same_line()
-        imgui.set_next_item_width(0.7 * width)
+            command_button(context, f"{save.name}…", label, width=width, name=f"file: {save.name}")
+        imgui.set_next_item_width(0.35 * share_of_width(1))
         _, frames = imgui.input_int("frames of an animation", self.frames, 1, 10)
         self.frames = min(max(frames, 2), 600)
-        imgui.set_next_item_width(0.7 * width)
+        imgui.set_next_item_width(0.35 * share_of_width(1))
         _, seconds = imgui.input_float("seconds of the sweep", self.seconds, 0.5, 1.0, "%.1f")
         self.seconds = min(max(seconds, 0.1), 600.0)
         _draw_watch(context)

@@ -61,7 +61,8 @@ class FocusPanel(Panel):
         if self.is_playing:
             self._sweep(context)
         low, high = focus_range_m(context.session.system)
-        command_button(context, "Play", "Stop" if self.is_playing else "Play", width=52)
+        width = max(52.0, imgui.calc_text_size("Stop").x + 2 * imgui.get_style().frame_padding.x)
+        command_button(context, "Play", "Stop" if self.is_playing else "Play", width=width)
         imgui.same_line()
         if context.session.system.is_field:
             command_button(context, "Other side", name="other side")

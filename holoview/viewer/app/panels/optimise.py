@@ -254,7 +254,7 @@ def draw_eye_fields(context: AppContext) -> None:
     has_eye = session.system.eye is not None
     imgui.separator_text("the eye")
     if not has_eye:
-        imgui.text_disabled("An eye (Y) has these choices.")
+        wrapped_text("An eye (Y) has these choices.", pale())
     imgui.begin_disabled(not has_eye)
     choices = session.optimisation_choices
     pupils = _edit_pupils(parse_pupils(choices.pupils) if choices.pupils else None)

@@ -163,8 +163,9 @@ def _draw_frames(context: AppContext, system: System, reset: System) -> None:
 
 
 def _header(context: AppContext, title: str, doc: str) -> bool:
-    """Draws a section's title, with its help open or closed; returns whether it is open."""
-    is_open = imgui.collapsing_header(title)
+    """Draws a section's title, without what is in brackets where that has no room; returns whether it is open."""
+    room = imgui.get_content_region_avail().x - 2 * imgui.get_font_size()
+    is_open = imgui.collapsing_header(title if imgui.calc_text_size(title).x <= room else title.partition(" (")[0])
     context.record_item_rect(title)
     tooltip(doc)
     return is_open

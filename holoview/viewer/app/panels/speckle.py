@@ -36,6 +36,7 @@ _PROFILE_COLOURS = {
     "G": imgui.ImVec4(0.25, 0.65, 0.32, 0.7),
     "B": imgui.ImVec4(0.35, 0.45, 0.90, 0.7),
 }
+_NARROW_EM = 14  # a panel of fewer heights of the font has no room for names beside whole values
 _LEGEND_ROOM = 1.4  # of the height of a plot, over its values
 _NAMES = {"Contrast": "speckle contrast", "Cones": "as cones see it", "Grains": "grains", "Mean": "mean luminance"}
 
@@ -169,11 +170,16 @@ def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
 
 
 def _begin_numbers() -> bool:
-    """Begins the table, whose values are seen whole; names take the rest, in as many lines as they need."""
+    """Begins the table, whose values are seen whole; names take the rest, in as many lines as they need.
+
+    Where names would be broken inside words, values have lines too.
+    """
+    is_narrow = imgui.get_content_region_avail().x < _NARROW_EM * imgui.get_font_size()
     is_open = imgui.begin_table("numbers", 2)
     if is_open:
-        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_stretch)
-        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_fixed)
+        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_stretch, 1.3)
+        kind = imgui.TableColumnFlags_.width_stretch if is_narrow else imgui.TableColumnFlags_.width_fixed
+        imgui.table_setup_column("value", kind, 1.0 if is_narrow else 0.0)
     return is_open
 
 
@@ -183,7 +189,10 @@ def _row(key: str, value: str, label: str = "") -> None:
     imgui.text_wrapped(label or _NAMES.get(key, key))
     tooltip(_TIPS[key])
     imgui.table_next_column()
-    imgui.text(value)
+    if imgui.table_get_column_flags() & imgui.TableColumnFlags_.width_stretch:
+        imgui.text_wrapped(value)
+    else:
+        imgui.text(value)
 
 
 def _draw_plots(measurements: ImageMeasurements) -> None:

@@ -12,7 +12,7 @@ from holoview.light.colour import fitting_stops
 from holoview.light.model import preset
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import button, command_button, fine_slider, fine_slider_int, tooltip
+from holoview.viewer.app.widgets import button, command_button, fine_slider, fine_slider_int, room_for_labels, tooltip
 from holoview.viewer.document.document import Gesture
 from holoview.viewer.render.view_settings import (
     ACHROMATIC,
@@ -87,20 +87,19 @@ class ViewPanel(Panel):
 
     def draw(self, context: AppContext) -> None:
         view = context.session.view_settings
-        imgui.push_item_width(imgui.get_content_region_avail().x * 0.62)
-        _combo(context, "page", PAGES, view.page, _PAGE_DOCS, names=_PAGE_NAMES)
-        if context.session.system.frames > 1:
-            self._draw_frames(context, view)
-            view = context.session.view_settings
-        self._draw_tone(context, view)
-        if view.page == "phase":
-            self._draw_pattern_choice(context, view)
-        if view.page == "field":
-            _combo(context, "stage", context.session.system.stages, view.stage, {})
-            _combo(context, "quantity", QUANTITIES, view.quantity, {})
-        imgui.separator_text("Compare")
-        self._draw_compare(context, view)
-        imgui.pop_item_width()
+        with room_for_labels("black, white"):
+            _combo(context, "page", PAGES, view.page, _PAGE_DOCS, names=_PAGE_NAMES)
+            if context.session.system.frames > 1:
+                self._draw_frames(context, view)
+                view = context.session.view_settings
+            self._draw_tone(context, view)
+            if view.page == "phase":
+                self._draw_pattern_choice(context, view)
+            if view.page == "field":
+                _combo(context, "stage", context.session.system.stages, view.stage, {})
+                _combo(context, "quantity", QUANTITIES, view.quantity, {})
+            imgui.separator_text("Compare")
+            self._draw_compare(context, view)
 
     def _draw_tone(self, context: AppContext, view: ViewSettings) -> None:
         if _slider(context, "exposure", view.exposure_stops, -8.0, 8.0, "%+.2f stops", 0.0, "Brighter by 2^stops."):
