@@ -614,7 +614,7 @@ def test_what_the_drawing_cannot_change_is_said(browser: Browser, written: Writt
     first = page.evaluate("() => window.holoview.state")
     page.locator("#bench rect.part[aria-label^='modulator 1']").focus()
     page.keyboard.press("Enter")
-    assert note.inner_text().startswith("modulator 1, 64 x 48, ") and "can't be changed on a page" in note.inner_text()
+    assert note.inner_text().startswith("modulator 1, 64 × 48, ") and "can't be changed on a page" in note.inner_text()
     assert page.locator("#part-row").is_hidden()
     page.locator("#bench rect.part[aria-label=Pupil]").focus()
     page.keyboard.press("Enter")
@@ -782,6 +782,7 @@ def test_the_image_fills_its_frame_so_that_a_print_distorts_nothing(
         assert abs(box[0] - box[1] * columns / rows) <= 1, (media, box)
 
 
+@needs_chromium
 def test_a_drawing_that_is_cut_says_that_it_scrolls_and_is_whole_in_print(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.eye_page, "", 390, 800)
     assert page.locator("#scrolls").is_visible()
