@@ -38,8 +38,8 @@ MASK_SEED = 5
 
 @dataclass(frozen=True)
 class Simulation:
-    """Samples each way of a modulator pixel, widths of the modulators on which light travels, and what is known of the
-    camera's pixels: whether they integrate, None where the captures don't state that they do."""
+    """Samples each way of a modulator pixel, an even number, widths of the modulators on which light travels, and what
+    is known of the camera's pixels: whether they integrate, None where the captures don't state that they do."""
 
     fine: int = 4
     wider: int = 4
@@ -149,20 +149,17 @@ def _seen(drive: Floats, second: Floats | None, λ: float, z: float, fault: Faul
 
 
 def _on_camera(whole: NDArray[np.complex128], by: Simulation) -> Floats:
-    """The intensity at the middle of camera pixels, or its mean over four places along each side of them.
+    """The intensity at the middle of camera pixels, or its exact mean over their area.
 
-    The iris passes no frequency beyond those of camera pixels.
+    The iris passes so little that samples hold every frequency of the intensity; its mean over a width w has
+    sin(πkw)/(πkw) of the contrast at frequency k.
     """
-    n, count, total = len(whole), 2 * by.wider * PIXELS, np.zeros((2 * PIXELS, 2 * PIXELS))
-    kept = np.rint(count * np.fft.fftfreq(count)).astype(int) % n
-    k, spectrum = np.fft.fftfreq(count), np.fft.fft2(whole)[np.ix_(kept, kept)] * (count / n) ** 2
+    k, width = np.fft.fftfreq(len(whole)), by.fine // 2  # of a camera pixel, in samples
+    to_middle = np.exp(1j * np.pi * k * (width - 1))  # of a pixel, from its first sample
+    along = to_middle if by.integrates is False else to_middle * np.sinc(k * width)
+    intensity = np.fft.ifft2(np.fft.fft2(np.abs(whole) ** 2) * along[:, None] * along).real
     inside = slice((by.wider - 1) * PIXELS, (by.wider + 1) * PIXELS)
-    places, first = 1 if by.integrates is False else 4, 0.5 - 1 / by.fine  # of the middle from the first sample
-    for place in np.ndindex(places, places):
-        y, x = ((p + 0.5) / places - 0.5 + first for p in place)
-        moved = np.fft.ifft2(spectrum * np.exp(2j * np.pi * (k[:, None] * y + k[None, :] * x)))
-        total += np.abs(moved[inside, inside]) ** 2 / places**2
-    return total
+    return np.asarray(intensity[::width, ::width][inside, inside])
 
 
 def _shifted(pixels: NDArray[np.complex128], pitch: int, by: Simulation, v: dict[str, float]) -> NDArray[np.complex128]:
