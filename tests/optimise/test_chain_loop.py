@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.settings import LOSS_SPACES, next_settings
 from holoview.holograms.optimise.solve import follow
 from holoview.holograms.view import random_drive
+from holoview.light.model.focus import with_pupil_at
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from tests.optimise.chain_slopes import free_drives, slope_along
@@ -240,7 +242,8 @@ def test_a_stack_that_follows_is_a_run_from_the_hologram_before(name: str) -> No
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"pupil_places_m": ((0.0, 0.0),)}, "places of the pupil"),
+        ({"pupil_places_m": ((0.0, 0.0),)}, "pupil places: without an eye"),
+        ({"drawn_pupils": 2, "drawn_radius_m": 1e-4}, "a function of the places with 2 drawn pupils"),
         ({"drawn_planes": 1}, "some planes at a time"),
     ],
 )
@@ -293,3 +296,81 @@ def test_the_best_of_a_checkpoint_stays_the_best(tmp_path: Path) -> None:
     *_, last = hv.iterate(system, _STACK, settings, resume=load_checkpoint(tmp_path / "checkpoint.safetensors"))
     assert np.array_equal(last.best.drive["complex"], whole[-1].best.drive["complex"])
     assert np.array_equal(last.best.system.amplitudes, whole[-1].best.system.amplitudes)
+
+
+# --- places of the pupil ----------------------------------------------------------------------------------------------
+
+_EYE = {"eyepiece": "5 mm", "pupil": "0.5 mm", "accommodation": ["0 D", "4 D"]}
+_EYES = {
+    "a stop": {},
+    "an eye that moves as a whole": {"chromatic_axis": "pupil", "prescription": {"aberration": {"Z8": "60 nm"}}},
+    "a pupil function": {"stiles_crawford": True},
+}
+_PLACES = ((0.0, 0.0), (0.1e-3, -0.2e-3), (0.0, 0.3e-3))
+
+
+def _seen_chain(name: str, eye: str) -> System:
+    return _chain(*_CHAINS[name], frames=2).with_(eye=_EYE | _EYES[eye])
+
+
+def _stacks_at(places: Any) -> np.ndarray:
+    """Pictures that depend on the place, (place · plane, y, x, 3)."""
+    x = np.linspace(0, 6, 40)[:, None]
+    one = [np.broadcast_to(0.4 + 0.3 * np.sin(x + 1e4 * px + 3e4 * py), (2, 32, 40, 3)) for py, px in places]
+    return np.concatenate(one).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("name", "eye"),
+    [*((name, "a pupil function") for name in _CHAINS), *(("phase and amplitude", eye) for eye in list(_EYES)[:2])],
+)
+def test_each_place_sees_what_a_simulation_of_its_eye_shows(name: str, eye: str) -> None:
+    """Of a problem that was made for the places, and of one that moved there from others."""
+    system = _seen_chain(name, eye)
+    drives, stack = _own_drives(system), _stacks_at(_PLACES)
+    made = ChainProblem(system, stack, hv.Settings(pupil_places_m=_PLACES), double=True)
+    first = ((1e-4, 0.0), (0.0, 0.0), (0.2e-3, 0.1e-3))
+    moved = ChainProblem(system, _stacks_at(first), hv.Settings(), double=True, places_m=first)
+    moved.evaluate(drives, system.amplitudes)
+    moved.see_from(_PLACES, stack)
+    shown = {key: drive.numpy() for key, drive in drives.items()}
+    views = [hv.simulate(with_pupil_at(system, place), shown, backend="torch64") for place in _PLACES]
+    expected = np.concatenate([view.intensity for view in views])
+    for problem in (made, moved):
+        light = problem.evaluate(drives, system.amplitudes).intensity
+        seen = np.zeros(expected.shape)
+        for (frame, wavelength), one in zip(problem.lasers, light.numpy(), strict=True):
+            seen[:, wavelength] += system.amplitudes[frame, wavelength] * one
+        # both in float64, in the same stages
+        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-12 * expected.max())
+    assert np.abs(views[1].intensity - views[0].intensity).max() > 1e-2 * expected.max()
+    losses = [p.loss(p.evaluate(drives, system.amplitudes), system.amplitudes)[0] for p in (made, moved)]
+    assert float(losses[0]) == pytest.approx(float(losses[1]), rel=1e-12)
+
+
+def test_the_derivative_for_many_places_is_that_of_the_loss() -> None:
+    system = _seen_chain("side by side", "a pupil function")
+    problem = ChainProblem(system, _stacks_at(_PLACES), hv.Settings(pupil_places_m=_PLACES), double=True)
+    patterns = {key: drive.numpy() for key, drive in _own_drives(system).items()}
+    drives, ways = free_drives(patterns, np.random.default_rng(1))
+    along, loss = slope_along(problem, system, drives, ways)
+    h = 1e-4  # as of the other losses
+    measured = (8 * (loss(h) - loss(-h)) - (loss(2 * h) - loss(-2 * h))).detach() / (12 * h)
+    assert along == pytest.approx(float(measured), rel=1e-7)
+
+
+@pytest.mark.parametrize("stopped", [1, 4])
+def test_places_that_are_drawn_are_drawn_again_from_a_checkpoint(stopped: int, tmp_path: Path) -> None:
+    """To the bit; the latest hologram is the result, since losses of different draws can't be compared."""
+    system = _seen_chain("phase and amplitude", "a stop")
+    settings = hv.Settings(iterations=6, amplitudes_every=4, drawn_pupils=3, drawn_radius_m=0.2e-3)
+    whole, file = [], tmp_path / "checkpoint.safetensors"
+    for state in hv.iterate(system, _stacks_at, settings):
+        whole.append(state)
+        if len(whole) == stopped:
+            state.checkpoint().save(file)
+    found = list(hv.iterate(system, _stacks_at, settings, resume=load_checkpoint(file)))
+    assert [state.loss for state in found] == [state.loss for state in whole[stopped:]]
+    bests = [state.best.drive["phase"] for state in whole]
+    assert all(not np.array_equal(one, other) for one, other in pairwise(bests))
+    assert np.array_equal(found[-1].best.drive["phase"], bests[-1])

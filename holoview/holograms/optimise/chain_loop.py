@@ -13,7 +13,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from holoview.holograms.optimise.checkpoint import (
     IterationState,
     target_digest,
 )
+from holoview.holograms.optimise.eyes import Places, drawn_pupils
 from holoview.holograms.optimise.lasers import check_effects, next_amplitudes
 from holoview.holograms.optimise.objective import (
     AmplitudeLeastSquares,
@@ -52,6 +53,7 @@ from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, 
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.observers import drawn_people
+from holoview.light.optics.bench import pupil_with_effects, relay_response
 from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.light.optics.slm import eyebox_order
@@ -82,10 +84,12 @@ def iterate_chain(
 ) -> Iterator[IterationState]:
     """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
 
-    Raises UserError for what isn't known of chains, such as places of the pupil, and as `iterate` does.
+    Raises UserError for what isn't known of chains, such as a complex target, and as `iterate` does.
     """
+    drawn = drawn_pupils(system, settings, stack)
+    places_m, stack = (settings.pupil_places_m, stack) if drawn is None else drawn(0)
     check_known(settings, stack)
-    problem = ChainProblem(system, stack, settings, device)
+    problem = ChainProblem(system, stack, settings, device, places_m=places_m)
     patterns, lasers = ChainPatterns(system, settings, start), FreeWavelengths(system.wavelengths_m, settings)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
     make_best, begun = None, (system, settings, target_digest(stack))
@@ -98,6 +102,8 @@ def iterate_chain(
         problem.set_wavelengths(lasers.values_m)
     for iteration in range(done, settings.iterations + 1):
         is_last = iteration == settings.iterations
+        if drawn is not None and iteration > 0:
+            problem.see_from(*drawn(iteration))
         shown = patterns.shown()
         found = problem.evaluate(shown, amplitudes)
         if "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last):
@@ -107,7 +113,7 @@ def iterate_chain(
         if not math.isfinite(value):
             raise UserError("optimisation", f"the loss became {value}", remedy="lower the step or check the target")
         psnr_db = problem.objective.psnr_db(image)
-        if value < best[0]:
+        if value < best[0] or drawn is not None:
             best = (value, psnr_db)
             kept = {name: drive.detach().clone() for name, drive in shown.items()}
             make_best = _maker(problem.plan.nominal, kept, amplitudes.copy())
@@ -228,19 +234,19 @@ def _maker(system: System, drives: dict[str, Tensor], amplitudes: Floats) -> Any
 def check_known(settings: Settings, stack: Any) -> None:
     """Raises UserError for settings and targets that chains don't have."""
     unknown = {
-        "places of the pupil": bool(settings.pupil_places_m or settings.drawn_pupils),
         "some planes at a time": bool(settings.drawn_planes),
         "a complex target": not isinstance(stack, np.ndarray),
     }
     for what, is_wanted in unknown.items():
         if is_wanted:
-            raise UserError(
-                "optimisation", f"{what}, of a chain of elements", expected="a single place, all planes, and a picture"
-            )
+            raise UserError("optimisation", f"{what}, of a chain of elements", expected="all planes, and a picture")
 
 
 class ChainProblem:
-    """A chain, a target and a loss. Raises UserError as `make_objective` and `check_plan` do."""
+    """A chain, a target and a loss. Raises UserError as `make_objective` and `check_plan` do.
+
+    places_m: places (y, x) of the eye's pupil, those of the settings when None.
+    """
 
     def __init__(
         self,
@@ -250,10 +256,12 @@ class ChainProblem:
         device: str = "cpu",
         *,
         double: bool = False,
+        places_m: Places | None = None,
     ) -> None:
         if "wavelengths" in settings.free:
             _check_wavelength_range(system, settings)
-        self.plan, self.settings = plan_for(system, settings, ()), settings
+        self.plan = plan_for(system, settings, settings.pupil_places_m if places_m is None else places_m)
+        self.settings = settings
         check_effects(self.plan, settings)
         samples = math.prod(self.plan.grid.padded) * len(self.plan.beams(range(len(system.wavelengths_m))))
         steps = len(self.plan.planes) + 2 * len(self.plan.way.steps)
@@ -274,6 +282,13 @@ class ChainProblem:
         self.objective.wavelength_channels = channels_of_wavelengths(
             self.objective.loss, self.plan, self.objective.target
         )
+
+    def see_from(self, places_m: Places, stack: NDArray[np.floating]) -> None:
+        """Changes to other places (y, x) of the eye's pupil, as many as before, m, and to the stack to be seen from
+        them, (place · plane, y, x, 3). Raises UserError for a stack of another shape."""
+        self.objective.set_stack(stack)
+        self.plan = self.plan.seen_from(places_m)
+        self._executor = self._executor.seen_from(self.plan)
 
     def _plan_at(self, wavelengths_m: Floats) -> Plan:
         moved = self.plan.nominal.edit({"wavelengths": wavelengths_m})
@@ -413,16 +428,28 @@ class ChainLight:
 
 
 class ChainExecutor(TorchExecutor):
-    """Keeps the transfer functions and stops of all wavelengths."""
+    """Keeps the transfer functions and stops of all wavelengths; each plane is seen by an eye of its own."""
 
     _stops_of: Plan | None = None
 
     def held_at(self, plan: Plan) -> ChainExecutor:
         """The executor of a plan of other wavelengths, whose stops pass the frequencies that these pass."""
+        moved = self._with_plan(plan)
+        moved._stops_of = self.plan
+        return moved
+
+    def seen_from(self, plan: Plan) -> ChainExecutor:
+        """The executor of a plan whose planes are seen from other places of the pupil (`Plan.seen_from`)."""
+        moved, last = self._with_plan(plan), plan.way.last
+        to_planes = (self.derived_transfer.__name__, last)
+        moved._all_kept = {key: one for key, one in self._all_kept.items() if key[:2] != to_planes}
+        return moved
+
+    def _with_plan(self, plan: Plan) -> ChainExecutor:
         moved = copy.copy(self)
-        moved.plan, moved.inputs, moved._stops_of = plan, _dark_inputs(plan), self.plan
+        moved.plan, moved.inputs = plan, _dark_inputs(plan)
         moved._modulators = moved.inputs
-        moved.__dict__["_all_kept"] = {}
+        moved._all_kept = {}
         return moved
 
     def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
@@ -432,7 +459,11 @@ class ChainExecutor(TorchExecutor):
     def derived_transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
         """As there."""
         found, held = (plan.transfer(relay, wavelength, plane) for plan in (self.plan, self._stops_of or self.plan))
-        return self._response(replace(found, support=held.support), relay, wavelength)
+        transfer, eye = replace(found, support=held.support), self.plan.planes[plane].eye
+        if relay != self.plan.way.last or eye == self.plan.nominal.eye:
+            return self._response(transfer, relay, wavelength)
+        pupil = pupil_with_effects(self.plan, relay, wavelength, eye)
+        return relay_response(transfer, *self._frequency_tensors(relay), pupil, self.dtype)
 
     def stops(self, wavelength: int, relay: int | None = None) -> Tensor:
         """As there."""
@@ -443,11 +474,14 @@ class ChainExecutor(TorchExecutor):
         return self._response(replace(found, support=held.support), relay, wavelength)
 
     def _kept(self, derive: Any, *arguments: Any) -> Tensor:
-        kept: dict[Any, Tensor] = self.__dict__.setdefault("_all_kept", {})
         key = (derive.__name__, *arguments)
-        if key not in kept:
-            kept[key] = derive(*arguments)
-        return kept[key]
+        if key not in self._all_kept:
+            self._all_kept[key] = derive(*arguments)
+        return self._all_kept[key]
+
+    @cached_property
+    def _all_kept(self) -> dict[Any, Tensor]:
+        return {}
 
 
 def _dark_inputs(plan: Plan) -> FrameInputs:

@@ -285,3 +285,14 @@ class DrawnPupils:
         """The places of an iteration, and the stacks (place · plane, y, x, 3)."""
         places = drawn_places(self._system, self._settings, iteration)
         return places, self._stacks_at(places)
+
+
+def drawn_pupils(system: System, settings: Settings, stack: object) -> DrawnPupils | None:
+    """The places that settings want drawn, and their stacks; None where none are drawn. stack: target of `iterate`.
+
+    Raises UserError for a function of places without drawn ones, and for anything else with them.
+    """
+    if callable(stack) != (settings.drawn_pupils > 0):
+        found, expected = ("a function", "a stack") if callable(stack) else ("a stack", "a function of the places")
+        raise UserError("target", found, expected=f"{expected} with {settings.drawn_pupils} drawn pupils")
+    return DrawnPupils(system, settings, stack) if callable(stack) else None

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.chain_loop import ChainOptimiser, iterate_chain
 from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
-from holoview.holograms.optimise.eyes import DrawnPupils, StacksAt
+from holoview.holograms.optimise.eyes import StacksAt, drawn_pupils
 from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
 from holoview.holograms.optimise.kernel_choice import compiler, load_kernels, will_compile
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
@@ -180,7 +180,7 @@ class Optimiser:
     ) -> None:
         """Arguments and errors as of `iterate`."""
         self.system, self.settings, self._tell = system, settings, beside or no_text
-        self._drawn = _drawn_pupils(system, settings, stack)
+        self._drawn = drawn_pupils(system, settings, stack)
         places, first = (None, stack) if self._drawn is None else self._drawn(0)
         assert not callable(first)
         self.target_digest = target_digest(*split_target(first))
@@ -348,16 +348,6 @@ def _order_of_planes(seed: int, turn: int, count: int) -> list[int]:
     """All planes in an order that is drawn anew for each turn."""
     order: list[int] = np.random.default_rng((seed, turn)).permutation(count).tolist()
     return order
-
-
-def _drawn_pupils(
-    system: System, settings: Settings, stack: NDArray[np.floating] | StacksAt | ComplexTarget
-) -> DrawnPupils | None:
-    """The places that the settings want drawn; None where none are drawn."""
-    if callable(stack) != (settings.drawn_pupils > 0):
-        found, expected = ("a function", "a stack") if callable(stack) else ("a stack", "a function of the places")
-        raise UserError("target", found, expected=f"{expected} with {settings.drawn_pupils} drawn pupils")
-    return DrawnPupils(system, settings, stack) if callable(stack) else None
 
 
 # --- recorded steps ---
