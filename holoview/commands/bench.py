@@ -14,6 +14,7 @@ from holoview.commands.arguments import add_system, system_from_args
 from holoview.commands.bench_report import write_report
 from holoview.commands.console import deferred_interrupt, print_json, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder
+from holoview.evidence.benchmark.chain_benchmark import STRATEGY, benchmark_chain
 from holoview.evidence.benchmark.frame_benchmark import (
     Criterion,
     DeviceTime,
@@ -87,16 +88,24 @@ def run(args: argparse.Namespace) -> int:
         return _report(args, rounds)
     if args.lasers is not None:
         raise UserError("--lasers", "without --report", remedy="change the bench with --set wavelengths=…")
-    system = _sized(system_from_args(args), args.size or _SIZE)
+    system = system_from_args(args)
+    if system.is_chain:
+        _refuse_of_chain(args)
+    else:
+        system = _sized(system, args.size or _SIZE)
     device = open_device(args.adapter)
     if args.tune:
         print(_tuning_report(system, device, as_json=args.json))
         return 0
     _check_strategy(args.strategy, system, device)
-    options = {"half": args.half, "strategy": args.strategy}
+    options, timed = {"half": args.half, "strategy": args.strategy}, None
     with progress_bar("frames and edits") as show:
-        frame = benchmark_frame(system, device, rounds, progress=show, **options)
-    timed = device_time(system, device, rounds, **options) if TIMESTAMPS in device.features else None
+        if system.is_chain:
+            frame = benchmark_chain(system, device, rounds, progress=show)
+        else:
+            frame = benchmark_frame(system, device, rounds, progress=show, **options)
+    if TIMESTAMPS in device.features and not system.is_chain:
+        timed = device_time(system, device, rounds, **options)
     with deferred_interrupt("start of a process") as interruption, progress_bar("first images") as show:
         first_image = first_image_timings(
             system, args.adapter, min(rounds, _MOST_STARTS), progress=show, interruption=interruption
@@ -116,7 +125,9 @@ def _optimiser(args: argparse.Namespace, rounds: int) -> int:
     from holoview.evidence.benchmark.time_to_quality import QualityRun, quality_text, quality_work, time_to_quality
 
     _refuse_options(args, "--optimiser", "leave it out: the optimiser needs no adapter")
-    system = _sized(system_from_args(args), args.size or _OPTIMISER_SIZE)
+    system = system_from_args(args)
+    system.require_short_form("the time to a good hologram")
+    system = _sized(system, args.size or _OPTIMISER_SIZE)
     work = quality_work(system, args.picture or data_dir("assets") / _PICTURE)
     long = QualityRun.long if args.long is None else _positive("--long", args.long)
     with deferred_interrupt() as interruption, progress_bar("bench") as show:
@@ -146,10 +157,24 @@ def _refuse_options(args: argparse.Namespace, flag: str, remedy: str) -> None:
             raise UserError(other, f"with {flag}", remedy=remedy)
 
 
+def _refuse_of_chain(args: argparse.Namespace) -> None:
+    """Raise UserError for options that a chain of elements doesn't have."""
+    smaller = "change the shapes of its elements, e.g. --set elements.NAME.shape=…"
+    for flag, is_set, remedy in (
+        ("--size", args.size is not None, smaller),
+        ("--half", args.half, "leave it out: its fields are stored in f32"),
+        ("--strategy", args.strategy not in ("auto", STRATEGY), f"leave it out: its transforms are {STRATEGY}"),
+        ("--tune", args.tune, f"leave it out: its transforms are {STRATEGY}"),
+    ):
+        if is_set:
+            raise UserError(flag, "of a chain of elements", remedy=remedy)
+
+
 def _report(args: argparse.Namespace, rounds: int) -> int:
     """Write the report that --report asks for."""
     _refuse_options(args, "--report", "leave it out: a report has all strategies, and JSON in it")
     system, options = system_from_args(args), {"rounds": rounds, "adapter": args.adapter}
+    system.require_short_form("timings at several sizes")
     if args.size is not None:
         for size in args.size.split(","):
             _sized(system, size)
@@ -208,6 +233,8 @@ def _table(result: dict[str, Any]) -> str:
     lines += ["", f"{'ms':<48}  {'median':>9}  {'least':>7}  {'processor':>9}"]
     for name, sample in (result["jobs"] | result["first_image"]).items():
         lines.append(f"{name:<48}  {sample['median_ms']:>9.2f}  {sample['minimum_ms']:>7.2f}  {sample['cpu_ms']:>9.2f}")
+    if result["device_memory_bytes"] is None:
+        return "\n".join(lines)
     lines += [
         "",
         f"memory traffic of a wavelength: {result['traffic_bytes_a_wavelength'] / 1e6:.1f} MB",
@@ -228,8 +255,7 @@ def _device_lines(timed: dict[str, Any] | None) -> list[str]:
 
 
 def _sized(system: System, size: str) -> System:
-    """The system with modulators of `size` samples, such as "1024x768" (x by y). Raises UserError for other sizes."""
-    system.require_short_form("its timings")
+    """A short form with modulators of `size` samples, such as "1024x768" (x by y). Raises UserError for other sizes."""
     columns, _, rows = size.partition("x")
     upsample = system.sampling.upsample
     if not (columns.isdecimal() and rows.isdecimal() and int(columns) and int(rows)):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import cycle
@@ -15,6 +16,7 @@ from typing import Any
 
 from holoview.holograms.view import random_drive
 from holoview.light.engine.incremental import IncrementalRenderer
+from holoview.light.engine.staged import StagedRenderer
 from holoview.light.gpu.device import Device
 from holoview.light.gpu.line_fft import Strategy, supported_strategies
 from holoview.light.gpu.tune import FftTuner, StrategyOption, TuningResult
@@ -132,6 +134,7 @@ def resolve_strategy(device: Device, shape: Shape, requested: StrategyOption) ->
 # --- a whole frame, and edits after which part of it is computed anew ---
 
 
+Renderer = IncrementalRenderer | StagedRenderer
 _CHANGE = 1.01
 """Factor between the two values that an edit alternates between."""
 
@@ -164,7 +167,7 @@ def middle_plane_m(system: System) -> float:
     return float(system.planes_m[len(system.planes_m) // 2])
 
 
-def full_frame(renderer: IncrementalRenderer) -> TimedJob:
+def full_frame(renderer: Renderer) -> TimedJob:
     """Render everything from the light source to XYZ."""
 
     def job() -> None:
@@ -186,7 +189,7 @@ def frames_in_a_row(renderer: IncrementalRenderer, count: int) -> TimedJob:
     return job
 
 
-def scrub(renderer: IncrementalRenderer) -> TimedJob:
+def scrub(renderer: Renderer) -> TimedJob:
     """Alternate between two focal planes."""
     planes_m = cycle([renderer.plane_m * _CHANGE, renderer.plane_m])
     return _edit(renderer, lambda: {"plane_m": next(planes_m)})
@@ -201,7 +204,7 @@ def gap_edit(renderer: IncrementalRenderer) -> TimedJob | None:
     return _edit(renderer, lambda: {"system": renderer.system.edit({"gap": next(gaps_m)})})
 
 
-def amplitude_edit(renderer: IncrementalRenderer) -> TimedJob:
+def amplitude_edit(renderer: Renderer) -> TimedJob:
     """Alternate between two amplitudes of the first laser, as while it is dragged in the viewer."""
     factors = cycle([_CHANGE, 1.0])
     amplitudes = renderer.system.amplitudes
@@ -214,9 +217,14 @@ def amplitude_edit(renderer: IncrementalRenderer) -> TimedJob:
     return _edit(renderer, change, may_reorder=renderer.device.info.is_cpu)
 
 
-def _edit(
-    renderer: IncrementalRenderer, change: Callable[[], dict[str, Any]], *, may_reorder: bool = False
-) -> TimedJob:
+def pattern_edit(renderer: StagedRenderer, name: str) -> TimedJob:
+    """Alternate between two patterns of an element of a chain: what it shows, and the same upside down."""
+    shown = renderer.drive[name]
+    patterns = cycle([shown[:, ::-1].copy(), shown])
+    return _edit(renderer, lambda: {"drive": renderer.drive | {name: next(patterns)}})
+
+
+def _edit(renderer: Renderer, change: Callable[[], dict[str, Any]], *, may_reorder: bool = False) -> TimedJob:
     """Time from an edit to XYZ, with all earlier results up to date."""
 
     def job() -> None:
@@ -226,6 +234,9 @@ def _edit(
     return job
 
 
-def _update_and_wait(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> None:
+def _update_and_wait(renderer: Renderer, *, may_reorder: bool = False) -> None:
+    if isinstance(renderer, StagedRenderer):
+        deque(renderer.steps(), maxlen=0)  # which wait
+        return
     renderer.update(with_srgb=False, may_reorder=may_reorder)
     renderer.device.wait()

@@ -54,7 +54,7 @@ class StagedRenderer(LaserReadout):
     """
 
     def __init__(self, system: System, drive: Any, device: Device, *, plane_m: float) -> None:
-        self._device = device
+        self.device = device
         self.step_s: float | None = None
         self.update_s, self.progress = 0.0, 0.0
         self._set(system, drive, plane_m)
@@ -62,13 +62,18 @@ class StagedRenderer(LaserReadout):
     def _set(self, system: System, drive: Any, plane_m: float) -> None:
         every = check_plan(make_plan(system, [*system.planes_m, plane_m]))  # so that padding that follows stays
         plan = replace(every, planes=every.planes[-1:], _transfers={})
-        self._executor = WgpuExecutor(plan, FrameInputs(plan, drive), self._device)
+        self._executor = WgpuExecutor(plan, FrameInputs(plan, drive), self.device)
         sizes = (plan.grid, plan.weights.shape, plan.slopes.shape)
         if getattr(self, "_sizes", None) != sizes:
             self._sizes, self._kept = sizes, dict[Beam, _Kept]()
         self._plan, self._generation = plan, getattr(self, "_generation", 0) + 1
         self.system, self.drive, self.plane_m = system, drive, plane_m
         self._is_done, self._intensities = False, dict[int, NDArray[np.float32]]()
+
+    @property
+    def plan(self) -> Plan:
+        """The plan of the picture: its plane alone, on the grid that fits all planes."""
+        return self._plan
 
     @property
     def compositor(self) -> Compositor:
@@ -89,6 +94,11 @@ class StagedRenderer(LaserReadout):
         )
         if new[0] != self.system or new[1] is not self.drive or new[2] != self.plane_m:
             self._set(*new)
+
+    def invalidate(self) -> None:
+        """Forgets all light that is kept, so that the next update computes the whole picture."""
+        self._kept = dict[Beam, _Kept]()
+        self._set(self.system, self.drive, self.plane_m)
 
     def steps(self) -> Iterator[UpdateProgress]:
         """Computes the picture, one submission for each step, for which it waits; ends early after an edit."""

@@ -1,0 +1,135 @@
+"""`holoview bench` of chains of elements: torch and the shaders compute the same image, and every pattern is edited."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holoview.commands import bench
+from holoview.commands.cli import main
+from holoview.evidence.benchmark.chain_benchmark import benchmark_chain, intensity_error, torch_loop
+from holoview.evidence.benchmark.frame_jobs import JobTimings, full_frame, pattern_edit
+from holoview.holograms.view import random_drive
+from holoview.light.engine.frame import compute_focal_stack
+from holoview.light.engine.staged import StagedRenderer
+from holoview.light.engine.torch_executor import TorchExecutor
+from holoview.light.gpu.device import Device
+from holoview.light.model import preset
+from holoview.light.model.plan import make_plan
+from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
+
+PHASE = {"kind": "phase", "pitch": "8 um", "shape": [12, 16], "stroke": "700 nm"}
+SPACE = {"kind": "space", "distance": "1 mm", "square": "first order"}
+AMPLITUDE = {"kind": "amplitude", "pitch": "16 um", "shape": [6, 8]}
+CHAINS = {
+    "coarse amplitude": (PHASE, SPACE, AMPLITUDE),
+    "mask": (PHASE, SPACE, {**PHASE, "kind": "mask", "pattern": "random"}),
+    "Fourier plane": (
+        PHASE,
+        {"kind": "fourier", "focal_length": "1.15 mm"},
+        {"kind": "amplitude", "pitch": "8 um", "shape": [12, 16], "levels": 2},
+    ),
+    "arms": ({**PHASE, "name": "one"}, {**PHASE, "name": "two", "beside": "one", "shared": True}),
+    "complex behind a lens": ({"kind": "lens", "focal_length": "20 mm"}, {**AMPLITUDE, "kind": "complex"}),
+}
+
+
+def _chain(name: str) -> System:
+    lasers, planes_m = [[1.0, 0.5], [0.0, 1.0]], [2e-3, 3e-3]
+    return System([532e-9, 580e-9], lasers, elements=CHAINS[name], planes_m=planes_m, observer="eye", name="small")
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_torch_loop_computes_what_the_reference_executor_computes(name: str) -> None:
+    system = _chain(name)
+    plan, drive = make_plan(system, [2e-3]), random_drive(system)
+    expected = compute_focal_stack(TorchExecutor(plan, FrameInputs(plan, drive), double=True))[1][0]
+    loop = torch_loop(plan, drive)
+    for _ in range(2):  # the second time with what the first has kept
+        assert np.linalg.norm(loop() - expected) <= 2e-6 * np.linalg.norm(expected)  # as of the short form
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_frame_and_its_edits_are_timed(device: Device, name: str) -> None:
+    system = _chain(name)
+    found = benchmark_chain(system, device, rounds=1)
+    patterns = {f"pattern of {element}" for element in system.drive_shapes}
+    assert {job for job in found.timings if job.startswith("pattern")} == patterns
+    assert all(sample.median_ms > 0 for sample in found.timings.values())
+    assert all(math.isfinite(criterion.value) and criterion.value > 0 for criterion in found.criteria)
+    assert next(criterion for criterion in found.criteria if "error" in criterion.name).is_met
+
+
+@pytest.mark.gpu
+def test_each_job_does_its_work(device: Device) -> None:
+    """An edit shows the other pattern, and computes only what is behind it; a whole frame computes everything."""
+    system = _chain("coarse amplitude")
+    drive = random_drive(system)
+    renderer = StagedRenderer(system, drive, device, plane_m=3e-3)
+    frame, edit = full_frame(renderer), pattern_edit(renderer, "amplitude")
+    frame()
+    before = renderer.xyz()
+    edit()
+    assert np.array_equal(renderer.drive["amplitude"], drive["amplitude"][:, ::-1])
+    assert intensity_error(renderer) <= 1e-6 and np.abs(renderer.xyz() - before).max() > 1e-3 * before.max()
+    edit()
+    assert np.array_equal(renderer.drive["amplitude"], drive["amplitude"])
+    np.testing.assert_allclose(renderer.xyz(), before, rtol=0, atol=1e-6 * before.max())
+    drive["phase"][...] = 0.25  # in the same memory, so that an edit of what stands behind it can't see it
+    edit()
+    edit()
+    np.testing.assert_allclose(renderer.xyz(), before, rtol=0, atol=1e-6 * before.max())
+    frame()
+    assert intensity_error(renderer) <= 1e-6 and np.abs(renderer.xyz() - before).max() > 1e-3 * before.max()
+
+
+@pytest.fixture
+def chain_file(tmp_path: Path) -> Path:
+    """A chain's file in an empty folder."""
+    path = tmp_path / "small.toml"
+    path.write_text(preset.dumps(_chain("mask")), encoding="utf-8")
+    return path
+
+
+@pytest.mark.gpu
+def test_the_command_prints_a_table_and_json(
+    device: Device, chain_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench, "first_image_timings", lambda *_, **options: {"start": JobTimings((2.5,), (1.0,))})
+    assert main(["bench", str(chain_file), "--rounds", "1"]) == 0
+    table = capsys.readouterr().out
+    assert "32 x 24 samples, 2 wavelengths" in table and "pattern of phase" in table and "start" in table
+    assert "traffic" not in table and "timestamp" not in table
+    assert main(["bench", str(chain_file), "--rounds", "1", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["bars"]) == 2 and result["device_memory_bytes"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--size", "64x48"], "--set elements.NAME.shape"),
+        (["--half"], "stored in f32"),
+        (["--strategy", "workgroup"], "its transforms are passes"),
+        (["--tune"], "its transforms are passes"),
+        (["--optimiser"], "the time to a good hologram, of a chain"),
+        (["--report", "folder"], "timings at several sizes, of a chain"),
+    ],
+)
+def test_options_that_chains_lack_are_refused(
+    chain_file: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    words: str,
+) -> None:
+    monkeypatch.chdir(chain_file.parent)
+    assert main(["bench", chain_file.name, *arguments]) == 2
+    told = capsys.readouterr().err
+    assert words in told and told.count("\n") == 1 and not Path("folder").exists()
