@@ -179,8 +179,9 @@ def _check(args: argparse.Namespace) -> int:
     if captures.chain is None:
         print(f"  modulators   {summary['modulators']} of {columns} x {rows} pixels, {summary['levels'][0]} levels")
     else:
-        for name, (_, own_rows, own_columns) in captures.chain.drive_shapes.items():
-            print(f"  {name:<11}  {own_columns} x {own_rows} pixels, {summary['levels'][0]} levels")
+        shapes = captures.chain.drive_shapes.items()
+        for (name, (_, own_rows, own_columns)), levels in zip(shapes, summary["levels"], strict=True):
+            print(f"  {name:<11}  {own_columns} x {own_rows} pixels, {levels} levels")
     print(f"  camera       {image_columns} x {image_rows} pixels, {summary['mean_electrons']:.0f} electrons")
     print(f"  stops        {'; then '.join(summary['stops'])}")
     print(f"  wavelengths  {wavelengths}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ import holoview as hv
 from holoview.bench.captures.capture_file import read_captures, write_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.validation import capture_sheet, summarise
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, blank_captures, make_captures
+from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import effects_of
 from holoview.light.model.system import System
 
@@ -31,13 +34,18 @@ def _chain(*elements: dict[str, Any], **keys: Any) -> System:
     return System([532 * NM, 580 * NM], [[1.0, 1.0]], elements=shown, **keys)
 
 
-def _blank() -> Captures:
-    return blank_captures(_chain(), AcquisitionSettings(captures_per_condition=2), np.random.default_rng(3))
+FOURIER = {"name": "lens", "kind": "fourier", "focal_length": 1.8 * MM}
+IN_PLANE = {"name": "filter", "kind": "amplitude", "pitch": 8 * UM, "shape": (18, 24)}
+FAR = (PHASE, WAY, FOURIER, IN_PLANE, {"name": "last", "kind": "space", "iris_na": 0.03})
 
 
-def _deviation(effects: dict[str, dict[str, Any]], k: int) -> float:
+def _blank(*elements: dict[str, Any]) -> Captures:
+    settings = AcquisitionSettings(captures_per_condition=2)
+    return blank_captures(_chain(*elements), settings, np.random.default_rng(3))
+
+
+def _deviation(captures: Captures, effects: dict[str, dict[str, Any]], k: int) -> float:
     """Of the prediction of capture k from what `simulate` shows of two frames, of which it is the second."""
-    captures = _blank()
     nominal = captures.nominal_system(planes_m=[captures.distance_m[k]])
     lit = np.where(nominal.wavelengths_m == captures.wavelength_m[k], captures.power[k], 0.0)
     bench = nominal.edit({"amplitudes": [[0.0, 0.0], lit.tolist()], "effects": effects})
@@ -48,21 +56,30 @@ def _deviation(effects: dict[str, dict[str, Any]], k: int) -> float:
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 
-SEEN = [e for e in effects_of(_blank().data_properties()) if not ({"camera"} & set(e.acts_on)) and e.id != "gap@last"]
+def _seen(captures: Captures) -> list[Effect]:
+    """The effects of which a simulation shows all that they do."""
+    return [e for e in effects_of(captures.data_properties()) if "camera" not in e.acts_on and e.id != "gap@last"]
 
 
-@pytest.mark.parametrize("name", ["", *(effect.id for effect in SEEN if effect.id != "laser_power")])
-def test_a_prediction_is_what_the_simulation_shows(name: str) -> None:
-    effects = {e.id: {p.name: p.nudged(0.5) for p in e.parameters} for e in SEEN if e.id == name}
+def _named(captures: Captures) -> list[str]:
+    return ["", *(effect.id for effect in _seen(captures) if effect.id != "laser_power")]
+
+
+@pytest.mark.parametrize(
+    ("elements", "name"), [*(((), name) for name in _named(_blank())), *((FAR, name) for name in _named(_blank(*FAR)))]
+)
+def test_a_prediction_is_what_the_simulation_shows(elements: tuple[dict[str, Any], ...], name: str) -> None:
+    captures = _blank(*elements)
+    effects = {e.id: {p.name: p.nudged(0.5) for p in e.parameters} for e in _seen(captures) if e.id == name}
     # both in double precision; a broad line's band differs from a laser's, which changes only the order of sums
-    assert _deviation(effects, 5) < 1e-12
+    assert _deviation(captures, effects, 5) < 1e-12
 
 
 def test_each_result_that_is_kept_is_that_of_its_effects() -> None:
     """One predictor for all effects in turn gives what a new one gives, so that no key lacks a value."""
     captures = _blank()
     kept = Predictor(captures)
-    for effect in SEEN:
+    for effect in _seen(captures):
         effects = {effect.id: {p.name: p.nudged(0.5) for p in effect.parameters}}
         assert np.array_equal(kept([3], effects).signal, Predictor(captures)([3], effects).signal), effect.id
 
@@ -134,6 +151,17 @@ def test_what_a_capture_file_cannot_hold_is_refused(tmp_path: Path) -> None:
             make_captures(_chain(*elements))
     with pytest.raises(hv.UserError, match="focal length: with a chain"):
         make_captures(_chain(), settings=AcquisitionSettings(2, focal_length_m=0.1))
+
+
+def test_captures_are_told_by_their_elements() -> None:
+    """Their own sizes and levels; each in its column of the sheet, not padded to the largest."""
+    chain = _chain(PHASE | {"levels": 16}, WAY, COARSE, LAST)
+    told = summarise(make_captures(chain, settings=AcquisitionSettings(1)))
+    assert told["geometry"] == "chain of elements" and told["levels"] == [16, 256]
+    coarse = _chain(PHASE | {"shape": (6, 8)}, COARSE | {"pitch": 8 * UM})
+    captures = make_captures(coarse, settings=AcquisitionSettings(1))
+    wide = replace(captures, levels=np.pad(captures.levels, [(0, 0), (0, 0), (0, 12), (0, 16)]))
+    assert np.array_equal(capture_sheet(wide), capture_sheet(captures))
 
 
 def test_a_shared_pattern_is_the_same_in_all_captures() -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from holoview.holograms.optimise.eyes import OptimisedEyes, target_at_places
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.solve import iterate
 from holoview.light.model.drives import drive_fits
@@ -76,6 +78,21 @@ def test_it_gives_what_the_optimiser_gives_and_undo_takes_it_back(
         and _are_equal(opened.drive, old)
     )
     assert opened.system == before
+
+
+@pytest.mark.parametrize("pupils", ["1x2:0.2mm", "random:2:0.2mm"])
+def test_places_of_the_pupil_count(target_spec: TargetSpec, pupils: str) -> None:
+    """As in the optimiser, for the stacks that are seen from there."""
+    session = EditingSession(CHAINS["coarse amplitude"]().with_(eye={"eyepiece": "5 mm", "pupil": "0.5 mm"}))
+    session.edit("Target", target_spec=target_spec)
+    eyes = OptimisedEyes.from_text(pupils, "compensate")
+    places = eyes.places_in(session.system)
+    stack = target_at_places(target_spec, session.system, places)
+    *_, expected = iterate(session.system, stack, places.in_settings(REQUEST.settings))
+    start_optimisation(session, replace(REQUEST, eyes=eyes))
+    assert session.wait_until_idle(PATIENCE_S)
+    assert _are_equal(session.drive, expected.best.drive)
+    session.close()
 
 
 def test_a_quick_one_goes_on_from_its_patterns_and_may_be_cancelled(opened: EditingSession) -> None:

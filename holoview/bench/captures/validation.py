@@ -275,7 +275,7 @@ def summarise(captures: Captures) -> dict[str, Any]:
         "pixels": list(captures.levels.shape[2:]),
         "levels": [slm.num_levels for slm in captures.slms],
         "image": list(captures.shape),
-        "geometry": "Fourier bench" if captures.is_fourier else "near field",
+        "geometry": _geometry(captures),
         "stops": _stops(captures),
         **({} if captures.chain is None else {"elements": dict(chain_parts(captures.chain))}),
         "wavelengths_m": captures.wavelengths_m.tolist(),
@@ -289,6 +289,12 @@ def summarise(captures: Captures) -> dict[str, Any]:
         "mean_electrons": float(np.median(signal) * camera.electrons_per_count),
         "cant_tell": {name: reason for name, reason in unmet.items() if reason},
     }
+
+
+def _geometry(captures: Captures) -> str:
+    if captures.chain is not None:
+        return "chain of elements"
+    return "Fourier bench" if captures.is_fourier else "near field"
 
 
 def _stops(captures: Captures) -> list[str]:
@@ -311,14 +317,17 @@ def capture_sheet(captures: Captures, max_captures: int = 12) -> NDArray[np.uint
     Each image is scaled to its own range; saturated pixels are red, pixels that are left out are blue.
     """
     chosen = np.unique(np.linspace(0, len(captures) - 1, max_captures).round().astype(int))
-    titles = [*(f"modulator {n + 1}" for n in range(len(captures.slms))), "camera"]
+    chain = captures.chain
+    names = [f"modulator {n + 1}" for n in range(len(captures.slms))] if chain is None else list(chain.drive_shapes)
     rows = []
     for k in chosen:
         λ, z = captures.wavelength_m[k] * 1e9, captures.distance_m[k] * 1e3
         caption = f"{k}: {λ:g} nm, {z:g} mm, power {captures.power[k]:g}, {captures.exposure_s[k] * 1e3:.3g} ms"
-        patterns = [CaptionedTile(greyscale_pixels(drive), "") for drive in captures.drive(int(k))]
+        drives = captures.drive(int(k))
+        shown = drives if chain is None else captures.patterns(drives).values()
+        patterns = [CaptionedTile(greyscale_pixels(drive), "") for drive in shown]
         rows.append([*patterns, CaptionedTile(_camera_pixels(captures, int(k)), caption)])
-    return contact_sheet(f"{len(captures)} captures", titles, rows, width=_TILE_WIDTH_PX)
+    return contact_sheet(f"{len(captures)} captures", [*names, "camera"], rows, width=_TILE_WIDTH_PX)
 
 
 def _camera_pixels(captures: Captures, k: int) -> NDArray[np.uint8]:
