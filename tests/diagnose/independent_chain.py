@@ -145,10 +145,10 @@ def _seen(drive: Floats, second: Floats | None, λ: float, z: float, fault: Faul
         leak = v.get("amplitude", 0.0) if effect == "leakage" else 0.0
         pixels, pitch = (amplitude + (1 - amplitude) * leak).astype(complex), by.fine * COARSE
     sampled = _turned(pixels, pitch, by, v["rotation"]) if "rotation" in v else _shifted(pixels, pitch, by, v)
-    return _on_camera(_through(light * sampled, λ, z - shift_z, 0.03, by), by)
+    return on_camera(_through(light * sampled, λ, z - shift_z, 0.03, by), by)
 
 
-def _on_camera(whole: NDArray[np.complex128], by: Simulation) -> Floats:
+def on_camera(whole: NDArray[np.complex128], by: Simulation) -> Floats:
     """The intensity at the middle of camera pixels, or its exact mean over their area.
 
     The iris passes so little that samples hold every frequency of the intensity; its mean over a width w has

@@ -11,7 +11,16 @@ from holoview.bench.captures.predictor import PLAIN, SamplingConfig
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.sampling_choice import choose_sampling, other_samplings
 from holoview.light.numerics.sampling import AREA
-from tests.diagnose.independent_chain import OF_AMPLITUDE, OF_MASK, USUAL, Simulation, captures_with, draw_fault
+from tests.diagnose.independent_chain import (
+    OF_AMPLITUDE,
+    OF_MASK,
+    PIXELS,
+    USUAL,
+    Simulation,
+    captures_with,
+    draw_fault,
+    on_camera,
+)
 
 KINDS = [*((kind, False) for kind in OF_AMPLITUDE), *((kind, True) for kind in OF_MASK)]
 AS_PREDICTED = Simulation(2, 2, integrates=False)
@@ -43,6 +52,20 @@ def test_a_hidden_fault_of_a_chain_is_named_with_its_size(kind: str, is_mask: bo
 def test_of_a_chain_without_a_fault_nothing_is_named(is_mask: bool) -> None:
     found = diagnose(captures_with(None, is_mask, np.random.default_rng([8, is_mask])))
     assert found.verdict == "consistent" and not found.causes
+
+
+@pytest.mark.parametrize("fine", [2, 4, 8])
+@pytest.mark.parametrize("integrates", [True, False])
+def test_pixels_of_the_simulation_have_the_exact_mean_of_their_light(fine: int, integrates: bool) -> None:
+    """Of fringes 2 + 2·cos(2πkx) a pixel of width w sees 2 + 2·sin(πkw)/(πkw)·cos(2πkx) at its middle x."""
+    by, wider = Simulation(fine, 2, integrates), 2 * PIXELS
+    k = np.array([19, -11]) / wider  # periods a modulator pixel, (y, x), that the whole width holds
+    y, x = ((np.arange(wider * fine) + 0.5) / fine * turns for turns in k)
+    found = on_camera(1 + np.exp(2j * np.pi * (y[:, None] + x[None, :])), by)
+    middle_y, middle_x = ((np.arange(2 * wider) + 0.5) / 2 * turns for turns in k)
+    contrast = np.prod(np.sinc(k / 2)) if integrates else 1.0
+    expected = 2 + 2 * contrast * np.cos(2 * np.pi * (middle_y[:, None] + middle_x[None, :]))
+    np.testing.assert_allclose(found, expected[PIXELS:-PIXELS, PIXELS:-PIXELS], atol=1e-12)
 
 
 @pytest.mark.parametrize("integrates", [True, False])
