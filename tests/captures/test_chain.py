@@ -14,6 +14,8 @@ import holoview as hv
 from holoview.bench.captures.capture_file import read_captures, write_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.records.corrections import SlmExchange
+from holoview.bench.captures.records.record_errors import find_record_errors
 from holoview.bench.captures.validation import capture_sheet, summarise
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, blank_captures, make_captures
 from holoview.light.model.effects.effect import Effect
@@ -170,3 +172,45 @@ def test_a_shared_pattern_is_the_same_in_all_captures() -> None:
     )
     assert (captures.levels[:, 1] == captures.levels[0, 1]).all()
     assert (captures.levels[:, 0] != captures.levels[0, 0]).any()
+
+
+def _three() -> Captures:
+    """Captures of three elements that show patterns, of different sizes."""
+    last = PHASE | {"name": "last"}
+    return make_captures(_chain(PHASE, WAY, COARSE, WAY | {"name": "on"}, last), settings=AcquisitionSettings(3))
+
+
+def _with_inverted(captures: Captures, element: int) -> Captures:
+    levels = captures.levels.copy()
+    rows, columns = captures.chain.drive_shapes[NAMES[element]][1:]
+    levels[:, element, :rows, :columns] = 255 - levels[:, element, :rows, :columns]
+    return replace(captures, levels=levels)
+
+
+def _with_late(captures: Captures, element: int) -> Captures:
+    levels = captures.levels.copy()
+    levels[:, element] = np.roll(levels[:, element], 1, axis=0)
+    return replace(captures, levels=levels)
+
+
+NAMES = ("slm", "coarse", "last")
+MISTAKES = [
+    ("", "", None, 0),
+    ("inverted@last", "", _with_inverted, 2),
+    ("capture_order", "offset:+1 of coarse", _with_late, 1),
+]
+
+
+@pytest.mark.parametrize(("effect", "choice", "change", "element"), MISTAKES)
+def test_a_wrong_record_is_named_by_the_element(effect: str, choice: str, change: Any, element: int) -> None:
+    right = _three()
+    found = find_record_errors(right if change is None else change(right, element))
+    assert [(one.effect, one.choice) for one in found.corrections] == ([(effect, choice)] if effect else [])
+    for one in found.corrections:
+        assert NAMES[element] in one.sentence and "modulator" not in one.sentence
+
+
+def test_patterns_of_other_sizes_are_not_exchanged() -> None:
+    for second, may in ((COARSE, False), (PHASE | {"name": "last"}, True)):
+        captures = make_captures(_chain(PHASE, second, MASK), settings=AcquisitionSettings(1))
+        assert SlmExchange().fits(captures) == may

@@ -37,12 +37,13 @@ ORDER = (
     "camera_orientation",
     "slm1_inverted",
     "slm2_inverted",
+    "inverted",
     "capture_order",
     "wavelength_order",
     "distance_order",
     "power_order",
 )
-"""The ids of all kinds of wrong records."""
+"""The ids of all kinds of wrong records; of an element of a chain its name follows, as in "inverted@coarse"."""
 
 
 class Words(NamedTuple):
@@ -67,8 +68,13 @@ class Correction(ABC):
 
     @property
     def effect(self) -> str:
-        """The id of the wrong record, one of `ORDER`."""
+        """The id of the wrong record."""
         return self.words().effect
+
+    @property
+    def kind(self) -> str:
+        """The same without the element that it names, one of `ORDER`."""
+        return self.effect.partition("@")[0]
 
     @property
     def choice(self) -> str:
@@ -92,7 +98,7 @@ Hypothesis = tuple[Correction, ...]
 
 def hypothesis(corrections: Iterable[Correction]) -> Hypothesis:
     """The corrections in the order in which they are applied."""
-    return tuple(sorted(corrections, key=lambda c: ORDER.index(c.effect)))
+    return tuple(sorted(corrections, key=lambda c: (ORDER.index(c.kind), c.effect)))
 
 
 def apply_corrections(captures: Captures, corrections: Hypothesis) -> Captures:
@@ -182,7 +188,9 @@ class SlmExchange(Correction):
         return dataclasses.replace(captures, levels=captures.levels[:, ::-1])
 
     def fits(self, captures: Captures) -> bool:
-        """False where a modulator lacks the levels of the other's patterns."""
+        """False where a modulator lacks the pixels, or the levels, of the other's patterns."""
+        if captures.chain is not None and len(set(captures.chain.drive_shapes.values())) > 1:
+            return False
         highest = captures.levels.max(axis=(0, 2, 3))[::-1]
         levels = [slm.num_levels for slm in captures.slms]
         return len(levels) == 2 and all(h < n for h, n in zip(highest, levels, strict=True))
@@ -190,13 +198,15 @@ class SlmExchange(Correction):
 
 @dataclass(frozen=True)
 class SlmInversion(Correction):
-    """The levels of one modulator are inverted: the highest stands for 0. slm: 0 or 1."""
+    """The levels of one modulator are inverted: the highest stands for 0. slm: from 0. element: its name in a chain."""
 
     slm: int
+    element: str = ""
 
     def words(self) -> Words:
-        sentence = f"The levels of modulator {self.slm + 1} are recorded inverted: the highest level stands for 0."
-        return Words(f"slm{self.slm + 1}_inverted", "", sentence)
+        who = self.element or f"modulator {self.slm + 1}"
+        sentence = f"The levels of {who} are recorded inverted: the highest level stands for 0."
+        return Words(f"inverted@{self.element}" if self.element else f"slm{self.slm + 1}_inverted", "", sentence)
 
     def apply(self, captures: Captures) -> Captures:
         levels = captures.levels[:, self.slm]
@@ -205,7 +215,8 @@ class SlmInversion(Correction):
 
 def level_candidates(captures: Captures) -> list[Correction]:
     """The exchange of the patterns, if there are two modulators, and each modulator's inversion."""
-    inversions = [SlmInversion(slm) for slm in range(len(captures.slms))]
+    names = [""] * len(captures.slms) if captures.chain is None else list(captures.chain.drive_shapes)
+    inversions = [SlmInversion(slm, name) for slm, name in enumerate(names)]
     return [*([SlmExchange()] if SlmExchange().fits(captures) else []), *inversions]
 
 
@@ -216,9 +227,9 @@ _SETTINGS = ("wavelength_m", "distance_m", "power", "exposure_s")
 class PatternOffset(Correction):
     """Patterns are recorded `offset` captures after their pictures (before them if negative).
 
-    slms: the modulators concerned, from 0. with_settings: wavelength, distance, power and exposure are out of step with
-    the pictures too. wraps: the captures at one end belong to the pictures at the other; otherwise these pictures have
-    no pattern in the file, and are left out.
+    slms: the modulators concerned, from 0. element: the name of the only one in a chain. with_settings: wavelength,
+    distance, power and exposure are out of step with the pictures too. wraps: the captures at one end belong to the
+    pictures at the other; otherwise these pictures have no pattern in the file, and are left out.
     """
 
     offset: int
@@ -226,6 +237,7 @@ class PatternOffset(Correction):
     modulators: int
     with_settings: bool = False
     wraps: bool = True
+    element: str = ""
 
     @property
     def is_plain(self) -> bool:
@@ -233,7 +245,7 @@ class PatternOffset(Correction):
         return not self.with_settings and len(self.slms) == self.modulators
 
     def words(self) -> Words:
-        which = f" of modulator {self.slms[0] + 1}" if len(self.slms) < self.modulators else ""
+        which = f" of {self.element or f'modulator {self.slms[0] + 1}'}" if len(self.slms) < self.modulators else ""
         choice = f"offset:{self.offset:+d}{which}{' with settings' * self.with_settings}"
         who = f"The patterns{which}{', with their wavelengths, distances, powers and exposures,' * self.with_settings}"
         count, where = abs(self.offset), "later" if self.offset > 0 else "earlier"
@@ -264,13 +276,14 @@ class PatternOffset(Correction):
 def offset_candidates(captures: Captures, largest: int) -> list[Correction]:
     """Offsets up to ± `largest`: of all patterns, of one modulator's patterns, and of patterns with their settings."""
     modulators = len(captures.slms)
-    each = [tuple(range(modulators)), *((slm,) for slm in range(modulators) if modulators > 1)]
+    names = [""] * modulators if captures.chain is None else list(captures.chain.drive_shapes)
+    each = [(tuple(range(modulators)), ""), *(((slm,), name) for slm, name in enumerate(names) if modulators > 1)]
     most = min(largest, len(captures) // 2)
     steps = [sign * n for n in range(1, most + 1) for sign in (1, -1)]
     settings_vary = any(len(np.unique(getattr(captures, name))) > 1 for name in _SETTINGS[:2])
-    found = [PatternOffset(n, slms, modulators) for slms in each for n in steps]
+    found = [PatternOffset(n, slms, modulators, element=name) for slms, name in each for n in steps]
     if settings_vary:
-        found += [PatternOffset(n, each[0], modulators, with_settings=True) for n in steps]
+        found += [PatternOffset(n, each[0][0], modulators, with_settings=True) for n in steps]
     return list(found)
 
 
@@ -461,7 +474,7 @@ def preference(corrections: Hypothesis) -> tuple[object, ...]:
 
     The last part makes the order of equals definite.
     """
-    kinds = sorted(ORDER.index(c.effect) for c in corrections)
+    kinds = sorted((ORDER.index(c.kind), c.effect) for c in corrections)
     involved = sum(isinstance(c, PatternOffset) and not c.is_plain for c in corrections)
     reversal = sum(isinstance(c, ColumnReversal) for c in corrections)
     return len(corrections), involved, reversal, kinds, [c.choice for c in corrections]

@@ -21,7 +21,7 @@ from holoview.bench.diagnose.fit_statistics import fit_quality
 from holoview.bench.diagnose.likelihood import Comparison, Values
 from holoview.util.errors import UserError
 
-DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted")
+DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted", "inverted")
 """Wrong records that gross aberrations imitate: the light of rough patterns looks alike, inverted and exchanged."""
 _NO_IMAGE = FitQuality(math.nan, math.nan)
 
@@ -57,7 +57,7 @@ class CheckedRecords:
     @property
     def are_doubtful(self) -> bool:
         """Whether a gross error of the bench may have been taken for a wrong record."""
-        return any(correction.effect in DOUBTFUL for correction in self.findings.corrections)
+        return any(correction.kind in DOUBTFUL for correction in self.findings.corrections)
 
     def as_recorded(self, captures: Captures) -> CheckedRecords:
         """The uncorrected captures of the file, in the same form."""
