@@ -11,8 +11,10 @@ from PIL import Image
 
 import holoview as hv
 from holoview.light.model import preset
+from holoview.light.model.derived_numbers import info_rows
 from holoview.light.model.masks import mask_values
 from holoview.light.model.system import System
+from holoview.light.model.validity import exceeded_limits
 
 UM, MM, NM = 1e-6, 1e-3, 1e-9
 PHASE = {"kind": "phase", "pitch": 8 * UM, "shape": (24, 32), "stroke": 825 * NM}
@@ -215,3 +217,16 @@ def test_spaces_that_follow_each_other_are_one() -> None:
     system = chain(PHASE, GAP, GAP | {"iris_na": 0.02}, AMPLITUDE)
     assert system.way.distances_m[0] == 2 * MM
     assert system.way.relays[0].iris_na == 0.02
+
+
+def test_stops_are_told_by_the_names_of_their_spaces() -> None:
+    """Those of spaces that are one have both names; of a short form their places."""
+    wide = {"kind": "space", "iris_na": 0.5}  # beyond the samples, which hold λ/(2·4 µm)
+    parts = (PHASE, GAP | {"name": "way", "iris_na": 0.02}, {**GAP, "name": "on"}, AMPLITUDE, wide | {"name": "rest"})
+    system = chain(*parts)
+    rows = [row.name for row in info_rows(system) if row.heading == "cut-offs"]
+    assert "iris of way and on" in rows and "iris of rest" in rows
+    (told,) = [limit for limit in exceeded_limits(hv.make_plan(system)) if "the stops of" in limit]
+    assert "the stops of rest reach" in told
+    short = chain(PHASE, GAP | {"name": "way", "iris_na": 0.02}, PHASE, wide)
+    assert {"iris of relay 1", "iris of relay 2"} < {row.name for row in info_rows(short)}

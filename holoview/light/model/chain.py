@@ -186,6 +186,10 @@ class Way:
         """Whether it is that of a chain without a short form."""
         return bool(self.transmissions)
 
+    def relay_words(self, relay: int) -> str:
+        """Words for a relay: the elements that it is, by their names; its place in a short form."""
+        return " and ".join(self.relay_names[relay]) or "the way to the planes"
+
     def kernel(self, relay: int) -> Fourier | None:
         """The Fourier element whose kernel a relay is; None for free space."""
         return dict(self.kernels).get(relay)

@@ -171,8 +171,7 @@ def _cut_offs(plan: Plan) -> list[InfoRow]:
         InfoRow("cut-offs", "simulation grid", f"{0.5e-3 / dx:.4g} cycles/mm"),
     ]
     for number, relay in enumerate(plan.relays):
-        name = f"relay {number + 1}" if relay.is_clear or not plan.way.is_chain else f"space {number + 1}"
-        out += _stops(name, relay, system, plan.order_m(number))
+        out += _stops(plan.way.relay_words(number), relay, system, plan.order_m(number))
     longest, farthest = float(system.wavelengths_m.max()), float(np.abs(plan.planes_m).max())
     limit = min(band_limit(p, dx, longest, farthest) for p in plan.grid.padded)
     text = f"{limit * 1e-3:.4g} cycles/mm"

@@ -356,8 +356,8 @@ def _stops(plan: Plan) -> Measured | None:
     )
     return Measured(
         worst,
-        f"the stops of relay {number + 1} reach {worst:.3g} times as far as the samples hold light, and nothing is "
-        "computed beyond",
+        f"the stops of {plan.way.relay_words(number)} reach {worst:.3g} times as far as the samples hold light, and "
+        "nothing is computed beyond",
         _key(plan, number),
         "raise upsample or narrow the stop",
     )
