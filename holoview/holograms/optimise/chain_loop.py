@@ -87,7 +87,7 @@ def iterate_chain(
     Raises UserError for what isn't known of chains, such as a complex target, and as `iterate` does.
     """
     drawn = drawn_pupils(system, settings, stack)
-    places_m, stack = (settings.pupil_places_m, stack) if drawn is None else drawn(0)
+    places_m, stack = (None, stack) if drawn is None else drawn(0)
     check_known(settings, stack)
     problem = ChainProblem(system, stack, settings, device, places_m=places_m)
     patterns, lasers = ChainPatterns(system, settings, start), FreeWavelengths(system.wavelengths_m, settings)
@@ -109,14 +109,10 @@ def iterate_chain(
         if "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last):
             amplitudes = problem.solved_amplitudes(found.intensity)
         loss, image = problem.loss(found, amplitudes)
-        value = float(loss.detach())
-        if not math.isfinite(value):
-            raise UserError("optimisation", f"the loss became {value}", remedy="lower the step or check the target")
-        psnr_db = problem.objective.psnr_db(image)
+        value, psnr_db = _finite(loss), problem.objective.psnr_db(image)
         if value < best[0] or drawn is not None:
             best = (value, psnr_db)
-            kept = {name: drive.detach().clone() for name, drive in shown.items()}
-            make_best = _maker(problem.plan.nominal, kept, amplitudes.copy())
+            make_best = _maker(problem.plan.nominal, shown, amplitudes)
         if not is_last:
             _take_steps(problem, patterns, lasers, iteration, loss, found, amplitudes)
         assert make_best is not None
@@ -226,9 +222,18 @@ def _parts(drive: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _maker(system: System, drives: dict[str, Tensor], amplitudes: Floats) -> Any:
-    """Makes the hologram of some patterns when it is asked for."""
-    arrays = {name: drive.cpu().numpy() for name, drive in drives.items()}
-    return cache(lambda: Hologram(arrays, system.edit({"amplitudes": amplitudes})))
+    """Makes the hologram of patterns and amplitudes as they are now, when it is asked for."""
+    arrays = {name: drive.detach().clone().cpu().numpy() for name, drive in drives.items()}
+    lit = {"amplitudes": amplitudes.copy()}
+    return cache(lambda: Hologram(arrays, system.edit(lit)))
+
+
+def _finite(loss: Tensor) -> float:
+    """The value of a loss. Raises UserError unless it is finite."""
+    value = float(loss.detach())
+    if not math.isfinite(value):
+        raise UserError("optimisation", f"the loss became {value}", remedy="lower the step or check the target")
+    return value
 
 
 def check_known(settings: Settings, stack: Any) -> None:
