@@ -219,9 +219,3 @@ def test_checked_captures_of_a_chain_list_each_element(holoview: Callable[..., A
     told = holoview("captures", "check", "seen.h5", "--quick").out
     assert "32 x 24 pixels" in told
     assert "coarse       8 x 6 pixels" in told
-
-
-def test_a_bench_of_a_chain_isn_t_timed(holoview: Callable[..., Any], chain: Path) -> None:
-    told = holoview("bench", "chain.toml")
-    assert told.code == 2
-    assert "its timings, of a chain of elements" in told.err
