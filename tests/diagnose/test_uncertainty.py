@@ -15,6 +15,7 @@ from holoview.bench.diagnose.intervals import (
     local_information,
     local_jacobian,
 )
+from holoview.bench.diagnose.search_context import SearchEnd
 from holoview.light.model.effects.effect import Effect, Parameter
 
 CAPTURES, PIXELS = 12, 300
@@ -119,6 +120,8 @@ def test_an_interval_reaches_as_far_as_chi_squared_is_flat() -> None:
     linear, flat = (kind(slopes[:2].reshape(2, CAPTURES, PIXELS), rest) for kind in (TwoCaptures, FlatBottom))
     parabola, wide = (confidence_intervals(fit, at, one, SearchConfig()) for one in (linear, flat))  # type: ignore[arg-type]
     assert wide["two", "b"] == parabola["two", "b"]
+    hurried = confidence_intervals(fit, at, flat, SearchConfig(), SearchEnd(-1.0))  # type: ignore[arg-type]
+    assert hurried == parabola
     further = wide["two", "a"].half_width - parabola["two", "a"].half_width
     assert further == pytest.approx(0.6, abs=0.08 * wide["two", "a"].half_width)
 

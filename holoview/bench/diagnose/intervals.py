@@ -28,6 +28,7 @@ from scipy.stats import t as student
 from holoview.bench.diagnose.config import SearchConfig
 from holoview.bench.diagnose.fit import CandidateFit, FreeParameters, free_parameters_of, residual_function
 from holoview.bench.diagnose.likelihood import Comparison
+from holoview.bench.diagnose.search_context import NEVER, SearchEnd
 from holoview.light.model.effects.effect import Effect, Parameter
 from holoview.light.model.effects.registry import get_effect
 from holoview.light.numerics.minimise import (
@@ -120,14 +121,15 @@ def local_information(fit: CandidateFit, effects: Sequence[Effect], comparison: 
 
 
 def confidence_intervals(
-    fit: CandidateFit, at: LocalInformation, comparison: Comparison, config: SearchConfig
+    fit: CandidateFit, at: LocalInformation, comparison: Comparison, config: SearchConfig, end: SearchEnd = NEVER
 ) -> dict[tuple[str, str], Interval]:
     """The interval of each (effect, parameter); infinite where the captures hold no information about it.
 
+    end: until which intervals are widened to where χ² has risen; those that are left follow from derivatives alone.
     Parameters at their identity that these captures can't show, such as those of a laser that wasn't on, are left out.
     """
     factor = float(student.ppf(0.5 + LEVEL / 2, max(len(at.scores) - 1, 1)))
-    half_widths = _half_widths(fit, at, comparison, factor)
+    half_widths = _half_widths(fit, at, comparison, factor, end)
     unknown = np.diag(at.normal) <= 0.0
     scale = at.parameters.value_derivatives(at.parameters.pack(fit.values))
     edges, result = _edge_half_widths(fit, at, comparison, config), {}
@@ -144,7 +146,9 @@ def confidence_intervals(
     return result
 
 
-def _half_widths(fit: CandidateFit, at: LocalInformation, comparison: Comparison, factor: float) -> Vector:
+def _half_widths(
+    fit: CandidateFit, at: LocalInformation, comparison: Comparison, factor: float, end: SearchEnd
+) -> Vector:
     """Half the interval of each parameter, in priors: so many standard deviations, or more where χ² rises less.
 
     The variance is the larger of the noise's and the captures' scores'.
@@ -161,6 +165,8 @@ def _half_widths(fit: CandidateFit, at: LocalInformation, comparison: Comparison
         return half_widths
     function, minimum, bounds = _at_solution(fit, at, comparison)
     for i, (_, parameter) in enumerate(at.parameters.entries):
+        if end.seconds_left < 0:
+            break
         if inverse[i, i] > 0 and not parameter.non_smooth:
             width = float(half_widths[i])
             ways, rise = (inverse[:, i] / inverse[i, i], np.eye(count)[i]), _PARABOLA_SHARE * width**2 / inverse[i, i]

@@ -454,7 +454,8 @@ def _with_chosen_sampling(captures: Captures, request: _Request) -> tuple[_Reque
 def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request) -> Diagnosis:
     wants_maps = request.free_maps and not prepared.whole.end.was_asked
     of_one_picture = len(prepared.only) == 1
-    diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress, of_one_picture=of_one_picture)
+    end = prepared.whole.end
+    diagnosis = assemble(outcome, prepared.notes, wants_maps, request.progress, end, of_one_picture=of_one_picture)
     if of_one_picture:  # which was split into two
         only = min(prepared.only)
         samples = tuple(replace(sample, capture=only) for sample in diagnosis.samples)

@@ -32,26 +32,39 @@ from holoview.bench.diagnose.report.error_places import (
     line_notes,
 )
 from holoview.bench.diagnose.rivals import wider_names
-from holoview.bench.diagnose.search_context import SearchContext
+from holoview.bench.diagnose.search_context import SearchContext, SearchEnd
 from holoview.util.progress import ProgressCallback
 
+_FEWER_PROFILES = (
+    "The time was over: intervals that weren't yet widened to where χ² rises follow from derivatives alone, and may be "
+    "too narrow."
+)
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
 def assemble(
-    outcome: SearchOutcome, notes: list[str], free_maps: bool, progress: ProgressCallback, *, of_one_picture: bool
+    outcome: SearchOutcome,
+    notes: list[str],
+    free_maps: bool,
+    progress: ProgressCallback,
+    end: SearchEnd,
+    *,
+    of_one_picture: bool,
 ) -> Diagnosis:
     """The diagnosis that follows from a search, but for the time that it took.
 
-    notes: on what the captures can't show. free_maps: look for the place of an error that no effect explains.
-    of_one_picture: the captures are parts of one picture, of which nothing changes from capture to capture.
+    notes: on what the captures can't show. free_maps: look for the place of an error that no effect explains. end: of
+    the time; later, intervals follow from derivatives alone. of_one_picture: the captures are parts of one picture, of
+    which nothing changes from capture to capture.
     """
     context, result, decision = outcome.context, outcome.result, outcome.decision
     captures, comparison, values = context.data.captures, result.comparison, decision.values
     gain = outcome.searched.data_weighted_comparison(context.kept, 0.0).fit_gains(values).gain
     law = _power_law(context, gain)
     progress(1, 1, "intervals, look-alikes")
-    causes = describe_causes(context, outcome.searched, outcome.fitted or context, result, decision)
+    causes = describe_causes(context, outcome.searched, outcome.fitted or context, result, decision, end)
+    if causes and end.seconds_left < 0:
+        notes = [*notes, _FEWER_PROFILES]
     nominal, best = comparison.fit_gains({}), comparison.fit_gains(values)
     after = fit_quality(comparison, best)
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)

@@ -30,7 +30,7 @@ from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.power_law import PowerLawFit
 from holoview.bench.diagnose.report.diagnosis import Cause
 from holoview.bench.diagnose.rivals import find_lookalikes
-from holoview.bench.diagnose.search_context import SearchContext
+from holoview.bench.diagnose.search_context import SearchContext, SearchEnd
 from holoview.light.model.effects.effect import Effect, ListParameter
 from holoview.util.errors import UserError
 
@@ -39,12 +39,17 @@ MEAN_LIGHT = 0.1
 
 
 def describe_causes(
-    context: SearchContext, near: SearchContext, fitted: SearchContext, result: SearchResult, decision: Decision
+    context: SearchContext,
+    near: SearchContext,
+    fitted: SearchContext,
+    result: SearchResult,
+    decision: Decision,
+    end: SearchEnd,
 ) -> list[Cause]:
     """The causes that a decision names, the one that gains most first.
 
     near: the same captures, or the middle of large ones, in which look-alikes are computed. fitted: the same captures,
-    or parts of large ones, from which intervals follow.
+    or parts of large ones, from which intervals follow. end: as of `confidence_intervals`.
     """
     if decision.best is None:
         return []
@@ -52,7 +57,7 @@ def describe_causes(
     after = fit_quality(held_out, held_out.fit_gains(fit.values))
     effects = [context.effects[name] for name in fit.causes]
     last = fitted.model_weighted_comparison(fitted.split.rough if fit.is_final else fitted.split.fine, fit.values)
-    intervals = confidence_intervals(fit, local_information(fit, effects, last), last, context.config)
+    intervals = confidence_intervals(fit, local_information(fit, effects, last), last, context.config, end)
     alike = result.lookalikes
     lookalikes = alike if alike is not None and alike.fit is fit else find_lookalikes(near, fit)
     rivals = [*(rival.fit for rival in decision.rivals), *result.unseen_rivals]
