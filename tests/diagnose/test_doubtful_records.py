@@ -10,6 +10,7 @@ import pytest
 
 from holoview.bench.captures.prepared_captures import FitQuality
 from holoview.bench.captures.records import RecordFindings
+from holoview.bench.captures.records.corrections import CameraOrientation, Correction, SlmInversion
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose.correct.wrong_records import CheckedRecords
 from holoview.bench.diagnose.judge import Verdict
@@ -21,12 +22,6 @@ from holoview.light.model.system import System
 
 
 @dataclass(frozen=True)
-class _Inversion:
-    effect: str = "slm1_inverted"
-    label: str = "slm1_inverted"
-
-
-@dataclass(frozen=True)
 class _Diagnosis:
     """What `better_explained` reads of a diagnosis."""
 
@@ -34,7 +29,7 @@ class _Diagnosis:
     notes: tuple[str, ...] = ()
 
 
-def _checked(*corrections: Any) -> CheckedRecords:
+def _checked(*corrections: Correction) -> CheckedRecords:
     return CheckedRecords(None, (), RecordFindings(corrections), ())  # type: ignore[arg-type]
 
 
@@ -43,19 +38,19 @@ def _checked(*corrections: Any) -> CheckedRecords:
 )
 def test_what_explains_clearly_better_counts(corrected: float, as_recorded: float, wins: bool) -> None:
     one, other = (_Diagnosis(FitQuality(chi2, 30.0)) for chi2 in (corrected, as_recorded))
-    found: Any = better_explained(_checked(_Inversion()), one, other)  # type: ignore[arg-type]
+    found: Any = better_explained(_checked(SlmInversion(0)), one, other)  # type: ignore[arg-type]
     assert (found.after is other.after) is wins
     assert ("slm1_inverted" in " ".join(found.notes)) is wins
 
 
 def test_only_inverted_and_exchanged_patterns_are_doubted() -> None:
-    assert _checked(_Inversion()).are_doubtful
-    assert not _checked(_Inversion("camera_orientation")).are_doubtful and not _checked().are_doubtful
+    assert _checked(SlmInversion(0)).are_doubtful and _checked(SlmInversion(2, "coarse")).are_doubtful
+    assert not _checked(CameraOrientation("flip_x")).are_doubtful and not _checked().are_doubtful
 
 
 def test_as_recorded_nothing_is_corrected() -> None:
     captures: Any = [1, 2, 3]
-    plain = _checked(_Inversion()).as_recorded(captures)
+    plain = _checked(SlmInversion(0)).as_recorded(captures)
     assert plain.captures is captures and plain.kept == (0, 1, 2) and not plain.findings.corrections
     assert not plain.findings.rivals and not plain.gains
 
