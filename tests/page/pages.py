@@ -42,6 +42,12 @@ def set_state(page: Any, **changes: Any) -> None:
     page.evaluate("changes => window.holoview.set(changes)", changes)
 
 
+def claims_of(page: Any) -> str:
+    """What the page says of its file's claims, once it has computed them again, which follows the first image."""
+    page.wait_for_function("() => document.getElementById('claims').textContent.includes('computed here')")
+    return str(page.inner_text("#claims"))
+
+
 def drag_right(page: Any, what: Any, by_px: int) -> None:
     """Drags the middle of something on a page to the right."""
     what.scroll_into_view_if_needed()

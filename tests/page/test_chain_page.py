@@ -23,7 +23,7 @@ from holoview.viewer.document.file_loader import read_content
 from holoview.viewer.page.link import shown_by_link
 from holoview.viewer.page.page import export_html, page_html, read_page
 from tests.chromium import Browser, needs_chromium
-from tests.page.pages import drag_right, open_page, page_pixels, set_state, webgpu_browser
+from tests.page.pages import claims_of, drag_right, open_page, page_pixels, set_state, webgpu_browser
 from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
@@ -335,7 +335,7 @@ def test_a_chain_beside_its_field_and_a_target_makes_claims_that_the_page_comput
     page = open_page(
         browser, export_html(tmp_path / "both.html", both, target=target, region=(5, 5, 40, 40), backend="torch")
     )
-    said = page.inner_text("#claims")
+    said = claims_of(page)
     claims = re.findall(r": ([^:]*) in the file, ([^:]*) computed here", said)
     assert len(claims) == 2 and all(stated.split(" ± ")[0] == found for stated, found in claims)
     set_state(page, view="hologram 2", spaces={"way 1": 0.4 * MM})

@@ -25,7 +25,7 @@ from holoview.light.gpu.device import Device
 from holoview.viewer.document.measurements import measure_region
 from holoview.viewer.page.page import export_html, read_page
 from tests.chromium import Browser, needs_chromium, pixels
-from tests.page.pages import WEBGPU, drag_right, open_page, page_pixels, set_state, webgpu_browser
+from tests.page.pages import WEBGPU, claims_of, drag_right, open_page, page_pixels, set_state, webgpu_browser
 
 EYE = {"pupil": "2 mm", "pupil_x": "0.3 mm"}
 REGION = (20, 12, 40, 30)
@@ -196,7 +196,7 @@ def test_the_page_measures_what_the_metrics_measure(browser: Browser, written: W
     measured = measure_region(view.xyz[0], REGION, written.target.stack[2])  # as the viewer does
     shown = measured.contrast
     assert shown is not None
-    said = page.inner_text("#claims")
+    said = claims_of(page)
     assert "the structure of the target divided out" in said
     assert f"{shown:.3f} ± {measured.standard_error:.3f} in the file, {contrast.contrast:.3f} computed here" in said
     # the page's target has 8 bits: rounding by 1/2 of 255 changes tones by 1 %, and their ratios' spread by far less
@@ -214,7 +214,7 @@ def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, 
     assert found["contrast"] is None is known.contrast and not found["divided"]
     assert "doesn't show the target" in found["withheld"] and "doesn't show the target" in known.withheld
     assert found["raw_contrast"] == pytest.approx(known.raw_contrast, rel=1e-4)
-    assert "withheld in the file, withheld computed here" in page.inner_text("#claims")
+    assert "withheld in the file, withheld computed here" in claims_of(page)
     set_state(page, plane_m=9.7e-3)  # between the planes of the target, which is out of focus there
     between = page.evaluate("region => window.holoview.measure(region)", box)
     assert between["contrast"] is None and "psnr_db" not in between
