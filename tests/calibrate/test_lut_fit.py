@@ -107,6 +107,7 @@ BAD = {
     "rises from almost none": "".join(f"{k},100\n" for k in range(40)),
     "without a maximum": "".join(f"{k},{1000 * np.sin(k / 40) ** 2}\n" for k in range(40)),
     "can't be read": b"\xff\xfe\x00\x01",
+    "a FITS file": b"SIMPLE  =                    T / conforms to FITS standard" + b" " * 2822 + b"\xe2\x00",
 }
 
 

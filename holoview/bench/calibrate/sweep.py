@@ -121,9 +121,19 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     try:
         if file.suffix.lower() == ".npy":
             return _sweep_of_table(_read_array(file), file.name)
-        return parse_sweep(read_text(file, f"a CSV file of {_EXPECTED}"), file.name)
+        return parse_sweep(_read_text(file), file.name)
     except UserError as error:
         raise error if str(error).startswith(str(file)) else error.inside(f"{file}: ") from error
+
+
+def _read_text(file: Path) -> str:
+    expected = f"a CSV file of {_EXPECTED}"
+    if file.is_file():
+        with file.open("rb") as opened:
+            if opened.read(9) == b"SIMPLE  =":
+                remedy = "write level and power as text; astropy does: Table.read(FILE)['LEVEL', 'POWER'].write(CSV)"
+                raise UserError(str(file), "a FITS file", expected=expected, remedy=remedy)
+    return read_text(file, expected)
 
 
 def _read_array(file: Path) -> Floats:
@@ -178,7 +188,7 @@ def read_sweeps(path: str | os.PathLike[str]) -> list[LabelledSweep]:
     file = Path(path)
     if file.suffix.lower() == ".npy":
         return [LabelledSweep(read_sweep(file))]
-    text = read_text(file, f"a CSV file of {_EXPECTED}")
+    text = _read_text(file)
     try:
         return parse_sweeps(text, file.name)
     except UserError as error:
