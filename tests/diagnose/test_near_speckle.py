@@ -92,6 +92,15 @@ def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.05)
 
 
+def test_large_modulators_without_room_for_parts_are_not_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whole pictures of this size would take too long, and too much memory."""
+    captures = _large(1, tmp_path, monkeypatch)
+    window = LightWindow(captures, near_beam(captures), True)
+    assert light_by_speckle(window, no_progress, RegionConfig(side_px=250)) is None
+
+
 @pytest.mark.parametrize("pictures", explored([1, 2], 1))
 def test_light_in_parts_is_fitted_there_and_judged_in_whole_pictures(
     pictures: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

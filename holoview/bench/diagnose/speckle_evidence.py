@@ -92,19 +92,21 @@ def light_by_speckle(
         whole, part = (Pictures(prepare_captures(one)) for one in (captures, window_of(captures, _PART_PX)))
         found = find_light(whole, part, progress)
     else:
-        pictures = beam.pictures
-        if captures.levels[0].size > _MOST_NEAR_PX:
-            pictures = _parts(pictures.data, beam, config)
+        is_small = captures.levels[0].size <= _MOST_NEAR_PX
+        pictures = beam.pictures if is_small else _parts(beam, config)
+        if pictures is None:
+            return None
         found = find_light(pictures, pictures, progress, beam)
     gain = 0.0 if beam is not None and beam.explained > 0 else _GAIN  # where brightness gains, speckle may stand before
     return found if found.after > max(found.before + gain, _LEAST) else None
 
 
-def _parts(data: PreparedCaptures, beam: NearBeam, config: RegionConfig) -> Pictures:
-    """Parts of whole pictures where a beam lights them; these themselves where no part fits."""
+def _parts(beam: NearBeam, config: RegionConfig) -> Pictures | None:
+    """Parts of whole pictures where a beam lights them; None where no part fits."""
+    data = beam.pictures.data
     lit = {"size": math.exp(beam.shape["log_size"]), **beam.shape} if beam.explained > 0 else None
     parts = cut_parts(data, middle_captures(data.captures, config), lit)
-    return Pictures(data) if parts is None else Pictures(parts.data, parts.captures)
+    return None if parts is None else Pictures(parts.data, parts.captures)
 
 
 def _brightest(captures: Captures) -> Pictures:
