@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from imgui_bundle import imgui
@@ -11,6 +12,18 @@ from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
 _SLACK_PX = 1.0  # positions are rounded to whole pixels
+
+
+def _shown(gui: Gui, title: str) -> tuple[Any, list[str]]:
+    """The window of a panel once it is seen, and a line if what it holds is wider than its room."""
+    gui.context.show_panel(title)
+    for _ in range(3):  # a panel that measures grows, and then has a scroll bar
+        gui.draw_frames()
+        gui.draw_until_idle()
+    window = imgui.internal.find_window_by_name(title)
+    room = window.work_rect.max.x - window.work_rect.min.x
+    is_wide = window.content_size.x > room + _SLACK_PX
+    return window, [f"{title}: {window.content_size.x:.0f} of {room:.0f}"] * is_wide
 
 
 @pytest.mark.parametrize("size", [(1024, 700), (1280, 800)])
@@ -22,14 +35,8 @@ def test_nothing_is_cut_off_in_a_small_window(make_gui: Callable[..., Gui], size
     cut = []
     shown = [guarded.panel.title for guarded in gui.app.panels if guarded.panel.starts_open]
     for title in shown:
-        gui.context.show_panel(title)
-        for _ in range(3):  # a panel that measures grows, and then has a scroll bar
-            gui.draw_frames()
-            gui.draw_until_idle()
-        window = imgui.internal.find_window_by_name(title)
-        room = window.work_rect.max.x - window.work_rect.min.x
-        if window.content_size.x > room + _SLACK_PX:
-            cut.append(f"{title}: {window.content_size.x:.0f} of {room:.0f}")
+        window, wide = _shown(gui, title)
+        cut += wide
         bar = window.dock_node.tab_bar
         tabs = bar.bar_rect.max.x - bar.bar_rect.min.x
         if bar.width_all_tabs_ideal > tabs + _SLACK_PX:
@@ -44,14 +51,7 @@ def test_labels_are_seen_whole_in_text_of_twice_the_size(make_gui: Callable[...,
     gui.draw_until_idle()
     cut = []
     for title in ("Bench", "View", "Optimise", "Focal plane"):
-        gui.context.show_panel(title)
-        for _ in range(3):
-            gui.draw_frames()
-            gui.draw_until_idle()
-        window = imgui.internal.find_window_by_name(title)
-        room = window.work_rect.max.x - window.work_rect.min.x
-        if window.content_size.x > room + _SLACK_PX:
-            cut.append(f"{title}: {window.content_size.x:.0f} of {room:.0f}")
+        cut += _shown(gui, title)[1]
     assert cut == []
 
 
