@@ -191,6 +191,7 @@ def _nan(h5: h5py.File) -> None:
         (_attribute("slm1", "pitch", 8.0), "slm1 attribute pitch: 8; .* it looks like micrometres"),
         (_attribute("slm1", "pitch", 0.008), "slm1 attribute pitch: 0.008; .* it looks like millimetres"),
         (_attribute("geometry", "focal_length", 200.0), "focal_length: 200; .* millimetres"),
+        (_attribute("camera", "axis_y", 1e-4), "axis_y, axis_x: stated for a near field"),
         (_attribute("geometry", "iris1_na", 30.0), "iris1_na: 30"),
         (_attribute("geometry", "iris1_na", "0.03"), "geometry attribute iris1_na: '0.03' is not a number"),
         (_attribute("geometry", "square2", 30.0), "geometry attribute square2: 30 is out of range; .* first order"),

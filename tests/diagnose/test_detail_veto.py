@@ -10,8 +10,15 @@ from scipy.ndimage import gaussian_filter
 
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.bench.diagnose.detail_veto import detail, veto_lost_detail, veto_uncorrelated, veto_without_effect
+from holoview.bench.diagnose.detail_veto import (
+    detail,
+    veto_lost_detail,
+    veto_no_size,
+    veto_uncorrelated,
+    veto_without_effect,
+)
 from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.intervals import Interval
 from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, rank_on_held_out
 from holoview.bench.diagnose.search_context import SearchContext
 from tests.diagnose.conftest import make_context_of, small_system
@@ -75,6 +82,29 @@ def test_a_cause_of_no_size_is_not_named_beside_a_true_one() -> None:
     assert decided.best is not None and decided.best.causes == ("tilt",) and decided.verdict is Verdict.PARTLY
     assert notes == ["camera_alignment is not named: without it the held-out pixels are predicted as well."]
     assert veto_without_effect(context, result, decided) == (decided, [])  # what acts stays
+
+
+@pytest.mark.parametrize(("half_width", "is_named"), [(1e-6, False), (1e-8, True)])
+def test_a_cause_that_may_be_nominal_is_not_named_beside_a_true_one(half_width: float, is_named: bool) -> None:
+    """A shift by a hundredth of a micrometre, known to a micrometre or to a hundredth of that; the tilt is large."""
+    true = {"tilt": {"tilt_y": 0.001, "tilt_x": -0.002}}
+    context = make_context_of(_measured(true))
+    shift = {"camera_alignment": {"shift_y": 1.1e-8}}
+    result, decision = _partly(context, true | shift)
+    within = Interval(1.1e-8, half_width / 2, half_width)
+    intervals = {("camera_alignment", "shift_y"): within, ("tilt", "tilt_y"): Interval(0.001, 1e-5, 2e-5)}
+    decided, notes = veto_no_size(context, result, decision, intervals)[1:]
+    assert decided.best is not None and decided.best.causes == ("tilt", *shift)[: 1 + is_named]
+    assert is_named == (not notes)
+
+
+def test_a_cause_that_pictures_need_is_named_however_uncertain_its_numbers_are() -> None:
+    """Numbers that stand for each other have wide intervals, though one of them has to act."""
+    true = {"tilt": {"tilt_y": 0.001, "tilt_x": -0.002}, "camera_alignment": {"shift_y": 4e-5}}
+    context = make_context_of(_measured(true))
+    result, decision = _partly(context, true)
+    intervals = {(name, key): Interval(v, 9.0, 9.0) for name, own in true.items() for key, v in own.items()}
+    assert veto_no_size(context, result, decision, intervals) == (result, decision, [])
 
 
 @pytest.mark.parametrize("is_shown", [True, False])

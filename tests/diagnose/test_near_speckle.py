@@ -61,10 +61,15 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
     captures = _captures(replace(drawn, bench=spoilt), tmp_path)
     window = window_for_light(captures, list(listed_effects()))
     assert window is not None and np.array_equal(window.captures.images, captures.images)  # near fields as they are
-    light = light_by_speckle(window, no_progress)
+    light = light_by_speckle(window, no_progress, untold)
     assert light is not None and light.before < 0.6 and light.after > 0.95
     assert HALF_PX / light.values["beam"]["size"] == pytest.approx(RADIUS_PX, rel=0.2)
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
+
+
+def untold(text: str) -> None:
+    """Nothing is said where light is sought."""
+    raise AssertionError(text)
 
 
 SMALL_PARTS = RegionConfig(side_px=40, further_px=8)
@@ -85,7 +90,7 @@ def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     """As in whole pictures; a wavefront over the whole beam is one in all of its parts."""
     window = window_for_light(_large(2, tmp_path, monkeypatch), list(listed_effects()))
     assert window is not None
-    light = light_by_speckle(window, no_progress, SMALL_PARTS)
+    light = light_by_speckle(window, no_progress, untold, SMALL_PARTS)
     assert light is not None and light.is_of_parts and "five parts" in describe_light(light)
     assert light.before < 0.8 and light.after > 0.95
     assert 128 / light.values["beam"]["size"] == pytest.approx(70.0, rel=0.05)
@@ -98,14 +103,19 @@ def test_large_modulators_without_room_for_parts_are_not_searched(
     """Whole pictures of this size would take too long, and too much memory."""
     captures = _large(1, tmp_path, monkeypatch)
     window = LightWindow(captures, near_beam(captures), True)
-    assert light_by_speckle(window, no_progress, RegionConfig(side_px=250)) is None
+    said: list[str] = []
+    assert light_by_speckle(window, no_progress, said.append, RegionConfig(side_px=250)) is None
+    assert said == [
+        "The light wasn't sought by speckle: the pictures show too little around their middle for five parts"
+    ]
 
 
+@pytest.mark.parametrize("pictures", [1, 2])
 def test_light_in_parts_is_fitted_there_and_judged_in_whole_pictures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pictures: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The beam and the stroke are named, and nothing that isn't there but where the picture lies."""
-    captures = _large(2, tmp_path, monkeypatch)
+    captures = _large(pictures, tmp_path, monkeypatch)
     found = diagnose(captures, config=SearchConfig(region=SMALL_PARTS))
     named = {cause.effect: cause.intervals for cause in found.causes}
     assert {"beam", "stroke"} <= named.keys() <= {"beam", "stroke", "camera_alignment", "distance"}
@@ -121,7 +131,7 @@ def test_brightness_tells_stray_light_beside_a_beam(stray: float, tmp_path: Path
     spoilt = replace(drawn.bench, beam=Beam(40.0, 2.0, (5.0, -8.0)), stroke_m=drawn.bench.stroke_m * STROKE)
     captures = _captures(replace(drawn, bench=spoilt), tmp_path)
     captures = replace(captures, images=np.minimum(captures.images + stray, captures.camera.saturation))
-    light = light_by_speckle(LightWindow(captures, near_beam(captures), True), no_progress)
+    light = light_by_speckle(LightWindow(captures, near_beam(captures), True), no_progress, untold)
     assert light is not None
     found = light.values.get("camera_black", {"black": 0.0})["black"]
     assert found == pytest.approx(stray, rel=0.1) if stray else found == 0.0
@@ -144,7 +154,7 @@ def test_pictures_in_several_planes_have_one_light(tmp_path: Path) -> None:
     captures = replace(both[0], **joined)
     window = window_for_light(captures, list(listed_effects()))
     assert window is not None
-    light = light_by_speckle(window, no_progress)
+    light = light_by_speckle(window, no_progress, untold)
     assert light is not None and light.after > 0.95
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
     predicted = Predictor(captures)(np.arange(len(captures)), light.values).signal.numpy()
@@ -167,7 +177,7 @@ def test_a_second_modulator_out_of_its_place_is_found_beside_a_beam_and_a_wrong_
         gap_m=drawn.bench.gap_m * gap_factor,
     )
     captures = _captures(replace(drawn, bench=spoilt), tmp_path)
-    light = light_by_speckle(LightWindow(captures, near_beam(captures), True), no_progress)
+    light = light_by_speckle(LightWindow(captures, near_beam(captures), True), no_progress, untold)
     assert light is not None and light.after > 0.95
     place_m = light.values["slm_alignment"]
     found_px = np.array([place_m["shift_y"], place_m["shift_x"]]) / drawn.bench.pitch_m
@@ -191,12 +201,12 @@ def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> N
 
         return progress
 
-    light = light_by_speckle(window, end_at(12))
+    light = light_by_speckle(window, end_at(12), untold)
     assert light is not None and light.was_ended and not light.losses
     assert {"beam", "stroke", "undiffracted", "camera_black"} <= light.values.keys()
     assert "ended early" in describe_light(light)
     with pytest.raises(SearchEnded):
-        light_by_speckle(window, end_at(3))
+        light_by_speckle(window, end_at(3), untold)
 
 
 def test_a_cause_that_is_no_candidate_is_not_sought(tmp_path: Path) -> None:

@@ -35,16 +35,18 @@ EFFECTS = [listed_effects()[name] for name in ("gap", "source_profile", "vignett
 TRUTH = {"gap": {"gap_error": 1e-4}, "source_profile": {"fall": 1.0}}
 
 
-def _large() -> SearchContext:
-    context, _ = prepare_search(_session(), (), EFFECTS, {}, PLAIN, CONFIG, WorkerPool(1))
+def _large(camera_pitch_m: float = 4e-6) -> SearchContext:
+    context, _ = prepare_search(_session(camera_pitch_m), (), EFFECTS, {}, PLAIN, CONFIG, WorkerPool(1))
     return context
 
 
 @cache
-def _session() -> Captures:
+def _session(camera_pitch_m: float = 4e-6) -> Captures:
     """Near planes, so that light walks off by few pixels."""
     system = small_system().edit({"shape": [110, 130], "gap": "0.4 mm", "planes": ["1 mm"]})
-    settings = AcquisitionSettings(captures_per_condition=4, seed=3, camera_shape=(160, 200), camera_pitch_m=4e-6)
+    settings = AcquisitionSettings(
+        captures_per_condition=4, seed=3, camera_shape=(160, 200), camera_pitch_m=camera_pitch_m
+    )
     return make_captures(system, TRUTH, settings)
 
 
@@ -56,6 +58,7 @@ def _parts(whole: SearchContext) -> SearchContext:
     return parts
 
 
+@pytest.mark.parametrize("camera_pitch_m", [4e-6, 5.37e-6], ids=["two pixels a pixel", "no whole number"])
 @pytest.mark.parametrize(
     ("effect", "values"),
     [
@@ -66,11 +69,14 @@ def _parts(whole: SearchContext) -> SearchContext:
         ("slm_alignment", {"shift_x": 2e-6, "rotation": 2e-3, "magnification": 2e-3}),
         ("camera_alignment", {"shift_y": 3e-6, "rotation": 2e-3, "magnification": 2e-3}),
         ("slm1_stuck", {"rows": (30, 31), "row_levels": (0.0, 0.0)}),
+        ("camera_fringes", {"path_x": 5e-6, "path_y": 2e-6, "cos1": 0.2}),
     ],
 )
-def test_effects_of_a_place_act_in_parts_as_there_in_the_whole(effect: str, values: dict[str, object]) -> None:
+def test_effects_of_a_place_act_in_parts_as_there_in_the_whole(
+    effect: str, values: dict[str, object], camera_pitch_m: float
+) -> None:
     """The cut changes light by less than it does without the effect, twice: with it, and by the rest of the light."""
-    whole = _large()
+    whole = _large(camera_pitch_m)
     parts, captures, index = _parts(whole), whole.data.captures, np.array([0])
     rows = parts.data.captures.shape[0] // 5
     errors = []

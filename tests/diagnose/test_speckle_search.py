@@ -55,7 +55,7 @@ def test_pictures_that_another_pattern_made_have_no_such_light() -> None:
     levels[0, 0] = spread_pattern(77).astype(levels.dtype)
     wrong = Captures(**{name: getattr(captures, name) for name in captures.__dataclass_fields__} | {"levels": levels})
     window = window_for_light(wrong, list(listed_effects()))
-    assert window is not None and light_by_speckle(window, no_progress) is None
+    assert window is not None and light_by_speckle(window, no_progress, lambda text: None) is None
 
 
 def test_a_bench_that_is_right_needs_no_such_search() -> None:

@@ -93,7 +93,7 @@ class PixelGrid:
 
     points_per_axis: a pixel averages the intensity over this number of points along each axis; None: one point for
     each simulation sample that fits on the pixel; `AREA`: it averages over its area.
-    axis_m: (y, x), where the axis is from the centre of the picture on a Fourier bench.
+    axis_m: (y, x), where the axis is from the centre of the picture.
     """
 
     pitch_m: float
@@ -480,6 +480,8 @@ class NearFieldModel(CameraModel):
 
         def compute() -> Tensor:
             pose = self.effects.camera_pose(float(self.plan.planes_m[0])).about(component.centre_m)
+            y, x = (shift + axis for shift, axis in zip(pose.shift_m, self.pixel_grid.axis_m, strict=True))
+            pose = replace(pose, shift_m=(y, x))
             seen_at = (self.band(1, component), self.plan.grid, self.pixel_grid, pose)
             return camera_picture(seen.values(), *seen_at, self.effects.camera_motion())
 

@@ -205,6 +205,14 @@ def _read(h5: h5py.File) -> Captures:
     needed = _PEAK_SHARE * sum(d.size_bytes for d in datasets) + 2 * max(d.chunk_bytes for d in datasets)
     require_memory("captures", needed, remedy="give it fewer captures")
     geometry, camera = _geometry(h5), _numbers(h5, "camera", (*CAMERA_NUMBERS, *AXIS_NUMBERS))
+    axis_m = camera.get("axis_y", 0.0), camera.get("axis_x", 0.0)
+    if any(axis_m) and geometry.get("focal_length") is None:
+        raise UserError(
+            "camera.axis_y, axis_x",
+            "stated for a near field",
+            expected="an axis on a Fourier bench alone",
+            remedy="leave them out, and cut the pictures so that their centre is the modulators' centre",
+        )
     return Captures(
         levels=_read_levels(levels),
         images=_read_images(images),
@@ -217,7 +225,7 @@ def _read(h5: h5py.File) -> Captures:
         else _slms_of_chain(h5, chain, levels),
         chain=chain,
         camera=camera_from_attributes(camera),
-        axis_m=(camera.get("axis_y", 0.0), camera.get("axis_x", 0.0)),
+        axis_m=axis_m,
         usable=_usable(h5, mask, images.shape),
         gap_m=geometry.get("gap"),
         relay1=stops_from_attributes(geometry, 1, _GEOMETRY),

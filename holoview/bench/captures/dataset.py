@@ -175,7 +175,8 @@ class Captures:
     frame: (rows, columns) of the whole pictures, where `images` holds only a part; None otherwise.
     slm_frame: (rows, columns) of the whole modulators, where `levels` holds only a part; None otherwise.
     centre_m: (y, x), where the centre of that part is, in pictures and, where `slm_frame` is stated, in modulators.
-    axis_m: (y, x), where the zero order of a Fourier bench is, from the centre of the pictures.
+    axis_m: (y, x), where the zero order of a Fourier bench is, or the centre of a near field's modulators, from the
+    centre of the pictures; the latter differ only in parts of larger pictures.
     usable: (N, y, x), False for pixels that every fit and measure leaves out; None where all count.
     levels_before: shape as `levels`: for each capture the levels that the modulators showed before it, that is those of
     the capture taken before; the first capture of a measurement has its own levels here. If a modulator hadn't settled
@@ -222,6 +223,13 @@ class Captures:
     def slm_centre_m(self) -> tuple[float, float]:
         """(y, x), where the centre of the modulators' part is; of whole modulators (0, 0)."""
         return (0.0, 0.0) if self.slm_frame is None else self.centre_m
+
+    @property
+    def picture_centre_m(self) -> tuple[float, float]:
+        """(y, x), where the centre of the pictures' part is in whole pictures."""
+        if self.is_fourier:
+            return self.centre_m
+        return self.centre_m[0] - self.axis_m[0], self.centre_m[1] - self.axis_m[1]
 
     @property
     def is_fourier(self) -> bool:

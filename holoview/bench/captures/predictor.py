@@ -267,7 +267,7 @@ class Predictor:
     def _camera_context(self, k: int) -> CameraContext:
         c = self.captures
         laser = float(c.wavelength_m[k]), int(self._laser_number[k])
-        return CameraContext(c.camera.pitch_m, c.shape, *laser, c.frame, c.centre_m)
+        return CameraContext(c.camera.pitch_m, c.shape, *laser, c.frame, c.picture_centre_m)
 
     def _unit_intensity(
         self, k: int, plan: Plan, active: TorchEffects, exposure_samples: Sequence[ExposureSample], cache: TensorCache

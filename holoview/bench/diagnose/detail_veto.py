@@ -6,11 +6,13 @@ cause is real. So the detail of the measured and of the predicted pictures is co
 Effects are judged by what they do to the prediction, none by its name.
 
 A cause without which held-out pictures are predicted as well, even though the other causes aren't fitted again, has
-nothing to tell. And where the predicted grains stand nowhere in pictures that show grains, a lower χ² is no evidence.
+nothing to tell; nor has one whose numbers may all be nominal, as their intervals say. And where the predicted grains
+stand nowhere in pictures that show grains, a lower χ² is no evidence.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,10 +20,12 @@ from numpy.typing import NDArray
 
 from holoview.bench.diagnose.capture_split import spread_over_wavelengths
 from holoview.bench.diagnose.fit_statistics import speckle_change
-from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, score_on_held_out
+from holoview.bench.diagnose.intervals import Interval
+from holoview.bench.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, score_on_held_out
 from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.bench.diagnose.speckle_evidence import FAR_CHI2
+from holoview.light.model.effects.registry import get_effect
 from holoview.light.numerics.speckle_match import local_mean
 
 _CAPTURES = 4  # [captures] Held-out ones whose detail is compared.
@@ -33,6 +37,9 @@ _LEAST_LIT = 500  # [pixels] Of fewer, detail isn't told.
 _LEAST_SHARE = 0.01
 """[1] Of the excess χ²/n that a fit leaves: what a cause has to gain at least. Evidence: a reason: what is missing in a
 model far from the pictures takes or gives a hundredth by chance; near the floor the least Δχ² counts."""
+_NO_SIZE_SHARE = 0.1
+"""[1] Of the excess χ²/n, by how much more is left at most without a cause whose numbers may all be nominal. Evidence:
+a reason: the other causes aren't fitted again, and take a part of that."""
 _UNCORRELATED = 0.3
 """[1] Correlation of local contrasts below which speckle stands nowhere. Evidence: a real bench: 0.14 with a blur that
 wasn't there, 0.77 with the true light."""
@@ -68,17 +75,62 @@ def veto_without_effect(context: SearchContext, result: SearchResult, decision: 
     best, notes = decision.best, list[str]()
     if best is None:
         return decision, notes
-    needed = max(context.config.verdict.min_delta_chi2, _LEAST_SHARE * max(best.excess, 0.0) * result.pixel_count)
+    needed = _needed(context, result, best, _LEAST_SHARE)
     for name in reversed(best.causes):
         if len(best.causes) == 1:
             break
         unfitted = score_on_held_out(best.fit.without(name), result.comparison, result.tolerant_comparison)
         refitted = [one for one in result.candidates if {*one.causes} == {*unfitted.causes}]
         fewer = min([unfitted, *refitted], key=lambda score: score.chi2_per_pixel)
-        if (fewer.chi2_per_pixel - best.chi2_per_pixel) * result.pixel_count < needed:
+        if _lost(fewer, best, result) < needed:
             notes.append(f"{name} is not named: without it the held-out pixels are predicted as well.")
             best = fewer
     return (replace(decision, best=best), notes) if notes else (decision, notes)
+
+
+def veto_no_size(
+    context: SearchContext,
+    result: SearchResult,
+    decision: Decision,
+    intervals: Mapping[tuple[str, str], Interval],
+) -> tuple[SearchResult, Decision, list[str]]:
+    """The result and the decision without causes whose every number has its nominal value in its interval, as long as
+    held-out pictures are predicted about as well without them; with notes. One cause stays, and a decision that
+    explains the captures stays as it is. intervals: of each (effect, parameter)."""
+    best, notes = decision.best, list[str]()
+    if decision.verdict is not Verdict.PARTLY or best is None:
+        return result, decision, notes
+    named = best
+    for name in reversed(named.causes):
+        if len(best.causes) == 1 or not _may_be_nominal(name, intervals):
+            continue
+        fewer = score_on_held_out(best.fit.without(name), result.comparison, result.tolerant_comparison)
+        if _lost(fewer, best, result) < _needed(context, result, best, _NO_SIZE_SHARE):
+            notes.append(f"{name} is not named: each of its numbers may be the nominal one, within its interval.")
+            best = fewer
+    if not notes:
+        return result, decision, notes
+    alike = result.lookalikes
+    if alike is not None and alike.fit is named.fit:  # those of the causes that stay are the same
+        result = replace(result, lookalikes=replace(alike, fit=best.fit))
+    return result, replace(decision, best=best), notes
+
+
+def _needed(context: SearchContext, result: SearchResult, best: HeldOutScore, share: float) -> float:
+    """The χ² that a cause has to gain: a share of the excess, and what any cause has to."""
+    return max(context.config.verdict.min_delta_chi2, share * max(best.excess, 0.0) * result.pixel_count)
+
+
+def _lost(fewer: HeldOutScore, best: HeldOutScore, result: SearchResult) -> float:
+    """By how much χ² is higher with fewer causes."""
+    return (fewer.chi2_per_pixel - best.chi2_per_pixel) * result.pixel_count
+
+
+def _may_be_nominal(name: str, intervals: Mapping[tuple[str, str], Interval]) -> bool:
+    """Whether the interval of every number of an effect holds its nominal value."""
+    nominal = {parameter.name: parameter.identity for parameter in get_effect(name).parameters}
+    own = [(part.partition("[")[0], interval) for (effect, part), interval in intervals.items() if effect == name]
+    return bool(own) and all(abs(one.value - nominal[part]) <= one.half_width for part, one in own)
 
 
 def veto_uncorrelated(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[Decision, list[str]]:

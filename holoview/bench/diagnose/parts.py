@@ -44,9 +44,6 @@ pictures have to judge it."""
 _LIT_RADII = 0.6
 """[1] Of a beam's radius, from its centre to that of a corner along each axis. Evidence: derivation: corners lie
 where a Gaussian beam has a quarter of its peak."""
-_WHOLE_PX = 1e-3
-"""[px] A part's centre is at a pixel of the modulators and, up to so much, of the camera. Evidence: derivation: far
-below the shifts that captures show."""
 
 
 class PartsPredictor:
@@ -144,14 +141,12 @@ def _offsets(captures: Captures, like: Captures, beam: Mapping[str, float]) -> l
         around = (whole[axis] - like.levels.shape[2 + axis]) // 2
         seen = (captures.shape[axis] - like.shape[axis]) / 2 - BORDER_PX
         most = math.floor(min(around, seen / scale))
-        fitting = [n for n in range(-most, most + 1) if abs(n * scale - round(n * scale)) < _WHOLE_PX]
-        if not fitting or fitting[-1] <= most // 2:
+        if most < 1:
             return None
-        reach = max(_LIT_RADII * half_px / size, like.shape[axis] / scale) if size else math.inf
-        reach = min(reach, fitting[-1])
-        centre = np.clip(beam.get(name, 0.0) * half_px, reach - fitting[-1], fitting[-1] - reach)
-        wanted = np.subtract.outer([centre - reach, centre, centre + reach], fitting)
-        places.append([fitting[n] for n in np.abs(wanted).argmin(axis=1)])
+        lit = math.ceil(max(_LIT_RADII * half_px / size, like.shape[axis] / scale)) if size else most
+        reach = min(lit, most)
+        centre = round(float(np.clip(beam.get(name, 0.0) * half_px, reach - most, most - reach)))
+        places.append([centre - reach, centre, centre + reach])
     (top, middle, bottom), (left, centre, right) = places
     return [(middle, centre), *((y, x) for y in (top, bottom) for x in (left, right))]
 

@@ -39,7 +39,7 @@ from holoview.bench.diagnose.crop import (
 )
 from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
 from holoview.bench.diagnose.fit import CandidateFit, FittedValues
-from holoview.bench.diagnose.judge import Lookalikes, SearchResult, Verdict
+from holoview.bench.diagnose.judge import Decision, Lookalikes, SearchResult, Verdict
 from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.nuisances import detect_nuisances
 from holoview.bench.diagnose.outlier_rejection import SearchOutcome, doubtful_captures, judge_captures, search_once
@@ -249,7 +249,7 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
         return told(judged)
     is_later = window is not None and not window.is_first
     usual, notes = _search_causes(captures, records, has_time.left(_USUAL_SHARE if is_later else 1.0))
-    if window is not None and is_later and _is_far(usual) and not request.is_asked:
+    if window is not None and is_later and usual.verdict in _OPEN and not request.is_asked:
         judged = of_light(window)
     if judged is not None and judged.causes and judged.after.chi2_per_pixel < usual.after.chi2_per_pixel:
         return told(judged)
@@ -307,7 +307,7 @@ def _search_light(
             raise SearchEnded
 
     try:
-        light = light_by_speckle(window, progress, request.config.region)
+        light = light_by_speckle(window, progress, tell, request.config.region)
         if request.is_asked:
             raise SearchEnded
     except SearchEnded:
@@ -487,7 +487,8 @@ def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCa
         found = search(whole.left_out)
     if context is whole:
         outcome = judge(whole, found, search)
-    else:
+    else:  # whole pictures tell which causes are needed: in a part a beam may be as good as even light
+        found = replace(found, decision=Decision(Verdict.PARTLY, found.result.best))
         outcome = _judged_whole(whole, found, found, True, Refit.NEVER, judge, progress)
         if (middle := prepared.middle) is not None:
             middle = replace(middle, missing_light=context.missing_light, end=NEVER)

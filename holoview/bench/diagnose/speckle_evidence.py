@@ -16,7 +16,7 @@ from holoview.bench.diagnose.config import RegionConfig
 from holoview.bench.diagnose.crop import middle_captures
 from holoview.bench.diagnose.parts import cut_parts
 from holoview.bench.diagnose.speckle_search import NOMINAL, FoundLight, NearBeam, Pictures, SpeckleSearch, find_light
-from holoview.util.progress import ProgressCallback
+from holoview.util.progress import ProgressCallback, TextCallback
 
 _MOST_PICTURES = 4
 """[captures] Predicted together in a search by speckle; of more, derivatives find most causes. Evidence: the cost."""
@@ -84,9 +84,12 @@ def near_beam(window: Captures) -> NearBeam | None:
 
 
 def light_by_speckle(
-    window: LightWindow, progress: ProgressCallback, config: RegionConfig = _REGION
+    window: LightWindow, progress: ProgressCallback, tell: TextCallback, config: RegionConfig = _REGION
 ) -> FoundLight | None:
-    """The light that makes the speckle of a window stand; None where none does. config: how large parts are."""
+    """The light that makes the speckle of a window stand; None where none does.
+
+    tell: is told why it wasn't sought. config: how large parts are.
+    """
     captures, beam = window.captures, window.beam
     if beam is None:
         whole, part = (Pictures(prepare_captures(one)) for one in (captures, window_of(captures, _PART_PX)))
@@ -95,6 +98,7 @@ def light_by_speckle(
         is_small = captures.levels[0].size <= _MOST_NEAR_PX
         pictures = beam.pictures if is_small else _parts(beam, config)
         if pictures is None:
+            tell("The light wasn't sought by speckle: the pictures show too little around their middle for five parts")
             return None
         found = find_light(pictures, pictures, progress, beam)
     gain = 0.0 if beam is not None and beam.explained > 0 else _GAIN  # where brightness gains, speckle may stand before

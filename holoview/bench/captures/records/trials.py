@@ -80,14 +80,17 @@ def cut_out(
     """A part of modulators and pictures, and the rows and columns of its pictures in the present ones.
 
     shape, seen: (rows, columns) of its modulators and of its pictures. offset: (y, x) modulator pixels from the present
-    centre to that of the part, a whole number of camera pixels.
+    centre to that of the part. Pictures are cut at the nearest camera pixel, and the rest is in `Captures.axis_m`.
     """
     pitch_m = captures.slms[0].pitch_m
     whole, scale = (captures.levels.shape[2], captures.levels.shape[3]), pitch_m / captures.camera.pitch_m
     part = (..., *central_slices(whole, shape, offset))
-    of_pictures = central_slices(captures.shape, seen, (round(offset[0] * scale), round(offset[1] * scale)))
+    offset_px = math.floor(offset[0] * scale + 0.5), math.floor(offset[1] * scale + 0.5)
+    of_pictures = central_slices(captures.shape, seen, offset_px)
     before, first = captures.levels_before, captures.levels_first
     y, x = (there + n * pitch_m for there, n in zip(captures.centre_m, offset, strict=True))
+    rest_px = (round(n * scale - px, _PLACE_DIGITS) for n, px in zip(offset, offset_px, strict=True))
+    axis_y, axis_x = (a + px * captures.camera.pitch_m for a, px in zip(captures.axis_m, rest_px, strict=True))
     cut = captures.with_pictures(
         lambda pictures: pictures[..., *of_pictures],
         levels=captures.levels[part],
@@ -96,6 +99,7 @@ def cut_out(
         frame=captures.frame or captures.shape,
         slm_frame=captures.slm_frame or whole,
         centre_m=(y, x),
+        axis_m=(axis_y, axis_x),
     )
     return cut, of_pictures
 
@@ -216,6 +220,7 @@ FALSE_ALARMS = 1e-6
 """[1] Probability that pictures without any relation to the patterns show one of all tried corrections as better.
 Evidence: a thousand sets of captures a day for a year give less than one."""
 
+_PLACE_DIGITS = 6  # [px] After the point, of a place in pixels: a part at whole ones is exactly there
 _MAX_CORRELATION = 0.9999  # atanh of 1 is infinite
 _CACHE_MB = 64  # of each thread's predictor
 _WAITING_BYTES = 256e6  # of rows that wait until they are predicted together

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from holoview.bench.captures.patterns import pattern_roughness
 from holoview.bench.diagnose.correct.wrong_records import CheckedRecords
+from holoview.bench.diagnose.detail_veto import veto_no_size
 from holoview.bench.diagnose.fit_statistics import (
     break_down_excess,
     explained_variance,
@@ -21,7 +22,12 @@ from holoview.bench.diagnose.fit_statistics import (
 from holoview.bench.diagnose.judge import RIVAL_FACTOR, Verdict, with_further_cause
 from holoview.bench.diagnose.outlier_rejection import SearchOutcome
 from holoview.bench.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
-from holoview.bench.diagnose.report.causes import describe_causes, describe_power_law, describe_wrong_records
+from holoview.bench.diagnose.report.causes import (
+    describe_causes,
+    describe_power_law,
+    describe_wrong_records,
+    intervals_of,
+)
 from holoview.bench.diagnose.report.diagnosis import CandidateResult, Diagnosis
 from holoview.bench.diagnose.report.error_places import (
     FreeMapFit,
@@ -57,12 +63,15 @@ def assemble(
     the time; later, intervals follow from derivatives alone. of_one_picture: the captures are parts of one picture, of
     which nothing changes from capture to capture.
     """
-    context, result, decision = outcome.context, outcome.result, outcome.decision
-    captures, comparison, values = context.data.captures, result.comparison, decision.values
+    progress(1, 1, "intervals, look-alikes")
+    intervals = intervals_of(outcome.fitted or outcome.context, outcome.decision, end)
+    result, decision, vetoes = veto_no_size(outcome.context, outcome.result, outcome.decision, intervals)
+    outcome = dataclasses.replace(outcome, result=result, decision=decision, notes=[*outcome.notes, *vetoes])
+    context, comparison, values = outcome.context, result.comparison, decision.values
+    captures = context.data.captures
     gain = outcome.searched.data_weighted_comparison(context.kept, 0.0).fit_gains(values).gain
     law = _power_law(context, gain)
-    progress(1, 1, "intervals, look-alikes")
-    causes = describe_causes(context, outcome.searched, outcome.fitted or context, result, decision, end)
+    causes = describe_causes(context, outcome.searched, result, decision, intervals)
     if causes and end.seconds_left < 0:
         notes = [*notes, _FEWER_PROFILES]
     nominal, best = comparison.fit_gains({}), comparison.fit_gains(values)

@@ -6,7 +6,7 @@ capture is proposed that would separate the named causes best from the first riv
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from holoview.bench.diagnose.fit import (
 )
 from holoview.bench.diagnose.fit_statistics import fit_quality
 from holoview.bench.diagnose.intervals import (
+    Interval,
     confidence_intervals,
     local_information,
 )
@@ -38,26 +39,36 @@ MEAN_LIGHT = 0.1
 """[1] Mean signal of a proposed capture over saturation. Evidence: none recorded."""
 
 
+def intervals_of(fitted: SearchContext, decision: Decision, end: SearchEnd) -> dict[tuple[str, str], Interval]:
+    """The interval of each (effect, parameter) that a decision names.
+
+    fitted: the captures, or parts of large ones, from which they follow. end: as of `confidence_intervals`.
+    """
+    if decision.best is None:
+        return {}
+    fit = decision.best.fit
+    effects = [fitted.effects[name] for name in fit.causes]
+    last = fitted.model_weighted_comparison(fitted.split.rough if fit.is_final else fitted.split.fine, fit.values)
+    return confidence_intervals(fit, local_information(fit, effects, last), last, fitted.config, end)
+
+
 def describe_causes(
     context: SearchContext,
     near: SearchContext,
-    fitted: SearchContext,
     result: SearchResult,
     decision: Decision,
-    end: SearchEnd,
+    intervals: Mapping[tuple[str, str], Interval],
 ) -> list[Cause]:
     """The causes that a decision names, the one that gains most first.
 
-    near: the same captures, or the middle of large ones, in which look-alikes are computed. fitted: the same captures,
-    or parts of large ones, from which intervals follow. end: as of `confidence_intervals`.
+    near: the same captures, or the middle of large ones, in which look-alikes are computed. intervals: of each (effect,
+    parameter), of other causes too.
     """
     if decision.best is None:
         return []
     fit, held_out = decision.best.fit, result.comparison
     after = fit_quality(held_out, held_out.fit_gains(fit.values))
     effects = [context.effects[name] for name in fit.causes]
-    last = fitted.model_weighted_comparison(fitted.split.rough if fit.is_final else fitted.split.fine, fit.values)
-    intervals = confidence_intervals(fit, local_information(fit, effects, last), last, context.config, end)
     alike = result.lookalikes
     lookalikes = alike if alike is not None and alike.fit is fit else find_lookalikes(near, fit)
     rivals = [*(rival.fit for rival in decision.rivals), *result.unseen_rivals]
