@@ -126,8 +126,10 @@ def _optimiser(args: argparse.Namespace, rounds: int) -> int:
 
     _refuse_options(args, "--optimiser", "leave it out: the optimiser needs no adapter")
     system = system_from_args(args)
-    system.require_short_form("the time to a good hologram")
-    system = _sized(system, args.size or _OPTIMISER_SIZE)
+    if system.is_chain:
+        _refuse_of_chain(args)
+    else:
+        system = _sized(system, args.size or _OPTIMISER_SIZE)
     work = quality_work(system, args.picture or data_dir("assets") / _PICTURE)
     long = QualityRun.long if args.long is None else _positive("--long", args.long)
     with deferred_interrupt() as interruption, progress_bar("bench") as show:
@@ -162,6 +164,7 @@ def _refuse_of_chain(args: argparse.Namespace) -> None:
     smaller = "change the shapes of its elements, e.g. --set elements.NAME.shape=…"
     for flag, is_set, remedy in (
         ("--size", args.size is not None, smaller),
+        ("--lasers", args.lasers is not None, "change them with --set wavelengths=…"),
         ("--half", args.half, "leave it out: its fields are stored in f32"),
         ("--strategy", args.strategy not in ("auto", STRATEGY), f"leave it out: its transforms are {STRATEGY}"),
         ("--tune", args.tune, f"leave it out: its transforms are {STRATEGY}"),
@@ -174,12 +177,14 @@ def _report(args: argparse.Namespace, rounds: int) -> int:
     """Write the report that --report asks for."""
     _refuse_options(args, "--report", "leave it out: a report has all strategies, and JSON in it")
     system, options = system_from_args(args), {"rounds": rounds, "adapter": args.adapter}
-    system.require_short_form("timings at several sizes")
-    if args.size is not None:
+    if system.is_chain:
+        _refuse_of_chain(args)
+        options |= {"sizes": (), "wavelengths": ()}
+    elif args.size is not None:
         for size in args.size.split(","):
             _sized(system, size)
         options["sizes"] = tuple((int(x), int(y)) for x, _, y in (size.partition("x") for size in args.size.split(",")))
-    if args.lasers is not None:
+    if args.lasers is not None and not system.is_chain:
         options["wavelengths"] = tuple(_positive("--lasers", count) for count in args.lasers.split(","))
     return write_report(open_device(args.adapter), ReportOptions(system, **options), args.report)
 

@@ -70,9 +70,7 @@ def _viewer(device: Device, options: ReportOptions) -> ReportMeasurement:
     def measure() -> dict[str, Any]:
         from holoview.viewer.app.script import measure_frame_rate
 
-        columns, rows = (n // options.system.sampling.upsample for n in options.middle_size)
-        system = options.system.edit({"shape": [rows, columns]})
-        return measure_frame_rate(system, device, _WINDOW, _VIEWER_ROUNDS, options.limit_s)
+        return measure_frame_rate(options.middle_system, device, _WINDOW, _VIEWER_ROUNDS, options.limit_s)
 
     return ReportMeasurement(VIEWER, "a scrub", measure)
 

@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import json
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from holoview.commands import bench
+from holoview.commands import bench, bench_report
 from holoview.commands.cli import main
+from holoview.evidence.benchmark import report_run
+from holoview.evidence.benchmark.autograd_loop import ChainLoop
 from holoview.evidence.benchmark.chain_benchmark import benchmark_chain, intensity_error, torch_loop
+from holoview.evidence.benchmark.frame_benchmark import Criterion
 from holoview.evidence.benchmark.frame_jobs import JobTimings, full_frame, pattern_edit
+from holoview.evidence.benchmark.machine import probe_device
+from holoview.evidence.benchmark.report_run import OPTIMISER, PARITY, POWER, QUALITY, TORCH, VIEWER
+from holoview.evidence.benchmark.report_text import results
+from holoview.evidence.benchmark.time_to_quality import (
+    MARGIN_DB,
+    QualityRun,
+    quality_text,
+    quality_work,
+    time_to_quality,
+)
 from holoview.holograms.view import random_drive
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.staged import StagedRenderer
@@ -22,7 +36,10 @@ from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import FrameInputs
+from holoview.util.errors import UserError
+from holoview.util.files import data_dir
 
+PICTURE = data_dir("assets") / "still-life.png"
 PHASE = {"kind": "phase", "pitch": "8 um", "shape": [12, 16], "stroke": "700 nm"}
 SPACE = {"kind": "space", "distance": "1 mm", "square": "first order"}
 AMPLITUDE = {"kind": "amplitude", "pitch": "16 um", "shape": [6, 8]}
@@ -118,8 +135,9 @@ def test_the_command_prints_a_table_and_json(
         (["--half"], "stored in f32"),
         (["--strategy", "workgroup"], "its transforms are passes"),
         (["--tune"], "its transforms are passes"),
-        (["--optimiser"], "the time to a good hologram, of a chain"),
-        (["--report", "folder"], "timings at several sizes, of a chain"),
+        (["--optimiser", "--size", "64x48"], "--set elements.NAME.shape"),
+        (["--report", "folder", "--size", "64x48"], "--set elements.NAME.shape"),
+        (["--report", "folder", "--lasers", "1,3"], "--set wavelengths"),
     ],
 )
 def test_options_that_chains_lack_are_refused(
@@ -133,3 +151,58 @@ def test_options_that_chains_lack_are_refused(
     assert main(["bench", chain_file.name, *arguments]) == 2
     told = capsys.readouterr().err
     assert words in told and told.count("\n") == 1 and not Path("folder").exists()
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_rival_of_a_chain_moves_each_pattern_in_its_range(name: str) -> None:
+    system = _chain(name)
+    loop = ChainLoop(quality_work(system, PICTURE), 0.05)
+    for _ in range(6):
+        light = loop.light()
+        loop.solve_amplitudes(light)
+        loop.move(loop.loss_of(light))
+    drive = {name: own.detach() for name, own in loop.patterns().items()}
+    assert {name: tuple(own.shape) for name, own in drive.items()} == system.drive_shapes
+    assert all(float(own.abs().min()) >= 0 and float(own.abs().max()) <= 1 + 1e-6 for own in drive.values())
+    before = quality_work(system, PICTURE).drive
+    assert all(not np.array_equal(drive[name].numpy(), before[name]) for name in drive)
+
+
+def test_time_to_quality_of_a_chain_reaches_its_goal() -> None:
+    work = quality_work(_chain("coarse amplitude"), PICTURE)
+    found = time_to_quality(work, QualityRun(long=20, rounds=1, steps_rad=(0.1, 0.4)))
+    assert found is not None and found["is_chain"]
+    assert found["goal_db"] + MARGIN_DB >= max(found["long_db"], found["adam_long_db"])
+    assert found["adam_curve"][-1][1] > found["adam_curve"][0][1]  # the rival improves its picture, too
+    text = quality_text(found)
+    assert "32 x 24 samples" in text and "not padded" not in text
+
+
+@pytest.mark.gpu
+def test_a_report_of_a_chain_holds_what_chains_have(
+    device: Device, chain_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(chain_file.parent)
+    monkeypatch.setattr(report_run, "CHANGES", {})
+    monkeypatch.setattr(report_run, "_POWER_S", 0.0)
+    monkeypatch.setattr(report_run, "_QUALITY_LONG", 10)
+    monkeypatch.setattr(report_run, "first_image_criterion", lambda *_: Criterion("first image", 2.5, 5.0, 3.0, "s"))
+    monkeypatch.setattr(report_run, "probe_device", partial(probe_device, copy_bytes=2**16))
+    monkeypatch.setattr(bench_report, "_WINDOW", (320, 200))
+    monkeypatch.setattr(bench_report, "_VIEWER_ROUNDS", 2)
+    assert main(["bench", chain_file.name, "--rounds", "1", "--report", "folder"]) == 0
+    text = Path(capsys.readouterr().out.strip()).read_text(encoding="utf-8")
+    data = json.loads(text.rpartition("```json\n")[2].partition("\n```")[0])
+    assert data["is_complete"] and "Nothing is missing." in text
+    (stages,) = results(data, PARITY)
+    assert stages and all(entry["error"] <= entry["allowed"] for entry in stages.values())
+    assert "pattern of phase" in results(data, TORCH)[0]["jobs"]
+    assert results(data, OPTIMISER)[0]["median_ms"]["cpu"] > 0
+    assert results(data, QUALITY)[0]["adam_seconds"] > 0
+    assert results(data, VIEWER)[0]["scrub_images_per_s"] > 0
+    assert len(results(data, POWER)) == 1
+
+
+def test_long_runs_of_a_large_chain_are_left_out_of_a_report() -> None:
+    with pytest.raises(UserError, match="samples in all lasers and planes"):
+        report_run._require_few_samples(preset.load("high-contrast"))

@@ -3,6 +3,9 @@
 `Autograd` is the loss, the image and the step; `StoredLoop` the usual way to propagate: no FFT shifts, H computed once
 in float64 with the stops in it, and one forward FFT for all planes. H is the transfer function. On a processor it loops
 over wavelengths and planes, which is faster there than a batch; on a card all are one batch.
+
+`ChainLoop` is the rival of a chain of elements, whose light both compute by the same stages, with H kept: there Adam's
+step, the amplitudes and the choice of planes are compared, not the propagation.
 """
 
 from __future__ import annotations
@@ -11,13 +14,17 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from holoview.holograms.optimise.chain_loop import ChainLight, ChainProblem
+from holoview.holograms.optimise.settings import Settings
 from holoview.light.colour import observer_weights, xyz_to_linear_srgb
+from holoview.light.model.elements import ComplexModulator, PhaseModulator
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.optics.propagate import support_mask
@@ -29,12 +36,13 @@ Tensor = torch.Tensor
 class Work:
     """A test case: a bench of one frame, a target focal stack (plane, y, x, 3), a first drive (1, modulator, y, x).
 
-    device: of torch, on which both compute.
+    Of a chain a bench of any frames, and the first patterns by the names of elements. device: of torch, on which both
+    compute.
     """
 
     system: System
     stack: NDArray[np.float32]
-    drive: NDArray[np.float32]
+    drive: Any
     device: str = "cpu"
 
 
@@ -77,7 +85,18 @@ class Autograd(ABC):
             self.drive.clamp_(0, 1)
 
     def loss(self, drive: Tensor) -> Tensor:
-        return torch.nn.functional.mse_loss(self.image(self.intensities(drive)), self.target)
+        return self.loss_of(self.intensities(drive))
+
+    def light(self) -> Tensor:
+        """The intensities of the present patterns."""
+        return self.intensities(self.drive)
+
+    def loss_of(self, intensities: Tensor) -> Tensor:
+        return torch.nn.functional.mse_loss(self.image(intensities), self.target)
+
+    def wait(self) -> None:
+        """Waits until a card has made the last step."""
+        float(self.drive.detach().sum())
 
     def intensities(self, drive: Tensor) -> Tensor:
         """Intensity (wavelength, plane, y, x) of each laser at unit amplitude."""
@@ -97,7 +116,7 @@ class Autograd(ABC):
 
     def solve_amplitudes(self, intensities: Tensor) -> None:
         """Sets the amplitudes to argmin over a ≥ 0 of |Σ a·colour·intensity − target|²."""
-        light, targets = intensities.flatten(1).double(), self.target.movedim(1, 0).flatten(1).double()
+        light, targets = intensities.detach().flatten(1).double(), self.target.movedim(1, 0).flatten(1).double()
         gram = (light @ light.T).cpu().numpy() * (self.colours @ self.colours.T)
         right = np.einsum("lc,lc->l", self.colours, (light @ targets.T).cpu().numpy())
         root = np.linalg.cholesky(gram).T
@@ -105,7 +124,7 @@ class Autograd(ABC):
 
     def psnr_db(self, intensities: Tensor) -> float:
         """PSNR (dB) of linear sRGB clipped to 0…1, mean over planes, as `IterationState.psnr_db`."""
-        errors = (self.image(intensities).clamp(0, 1) - self.target.clamp(0, 1)).square().mean(dim=(1, 2, 3))
+        errors = (self.image(intensities.detach()).clamp(0, 1) - self.target.clamp(0, 1)).square().mean(dim=(1, 2, 3))
         return float(-10 * torch.log10(errors).mean())
 
     @abstractmethod
@@ -158,3 +177,66 @@ class StoredLoop(Autograd):
         kx = torch.fft.fftfreq(self.shape[1], 1 / self.shape[1]).round().long()
         passes = (a < 1) & support_mask(self._plan.transfer(relay, wavelength, plane), kx)
         return torch.where(passes, torch.polar(torch.ones_like(phase), phase), 0).to(torch.complex64).to(self.device)
+
+
+class ChainLoop:
+    """Minimises the same error over a focal stack of a chain by torch's Adam on the patterns of all its elements.
+
+    rate_rad, betas: as of `Autograd`. Amplitudes and complex numbers, which have no phase at a wavelength, move by a
+    fifth of this number, as they do beside the phases of the optimiser.
+    """
+
+    def __init__(self, work: Work, rate_rad: float = 1.0, betas: tuple[float, float] = (0.9, 0.99)) -> None:
+        system, device = work.system, torch.device(work.device)
+        self._problem = ChainProblem(system, work.stack, Settings(), work.device)
+        self._amplitudes = np.array(system.amplitudes)
+        middle_m, groups = float(np.median(system.wavelengths_m)), []
+        self._elements = dict(zip(system.element_names, system.elements, strict=True))
+        self._variables: dict[str, Tensor] = {}
+        for name, patterns in work.drive.items():
+            own = torch.from_numpy(np.array(patterns)).to(device)
+            variable = (torch.view_as_real(own).clone() if own.is_complex() else own).requires_grad_()
+            element = self._elements[name]
+            turn = 2 * math.pi * element.stroke_m / middle_m if isinstance(element, PhaseModulator) else 5.0
+            self._variables[name] = variable
+            groups.append({"params": [variable], "lr": rate_rad / turn})
+        self._adam = torch.optim.Adam(groups, betas=betas, eps=1e-20)
+
+    def light(self) -> ChainLight:
+        """The light of all lasers at unit amplitude for the present patterns."""
+        return self._problem.evaluate(self.patterns(), self._amplitudes)
+
+    def patterns(self) -> dict[str, Tensor]:
+        """The present patterns (frame, y, x) by the names of elements."""
+        return {
+            name: torch.view_as_complex(own) if isinstance(self._elements[name], ComplexModulator) else own
+            for name, own in self._variables.items()
+        }
+
+    def loss_of(self, light: ChainLight) -> Tensor:
+        """The loss of a light, with its graph."""
+        return self._problem.loss(light, self._amplitudes)[0]
+
+    def move(self, loss: Tensor) -> None:
+        """Takes Adam's step for a loss, inside the ranges of the patterns."""
+        self._adam.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._adam.step()
+        with torch.no_grad():
+            for name, own in self._variables.items():
+                if isinstance(self._elements[name], ComplexModulator):
+                    own /= torch.linalg.vector_norm(own, dim=-1, keepdim=True).clamp_min(1.0)
+                else:
+                    own.clamp_(0, 1)
+
+    def wait(self) -> None:
+        """Waits until a card has made the last step."""
+        float(torch.stack([own.detach().sum() for own in self._variables.values()]).sum())
+
+    def solve_amplitudes(self, light: ChainLight) -> None:
+        """Sets the amplitudes to the best ones for a light."""
+        self._amplitudes = self._problem.solved_amplitudes(light.intensity)
+
+    def psnr_db(self, light: ChainLight) -> float:
+        """PSNR (dB) as `IterationState.psnr_db`."""
+        return self._problem.objective.psnr_db(self._problem.loss(light, self._amplitudes)[1])

@@ -29,7 +29,7 @@ from holoview.evidence.benchmark.frame_jobs import (
     TimedJob,
     amplitude_edit,
     full_frame,
-    middle_plane_m,
+    open_staged,
     pattern_edit,
     scrub,
     time_interleaved,
@@ -56,10 +56,7 @@ def benchmark_chain(
     progress: counts the rounds. Raises UserError if the device's limits or memory don't suffice.
     """
     drive = random_drive(system)
-
-    def opened() -> StagedRenderer:
-        return StagedRenderer(system, drive, device, plane_m=middle_plane_m(system))
-
+    opened = partial(open_staged, system, device, drive)
     renderer = opened()
     jobs: dict[str, TimedJob] = {
         FULL: full_frame(renderer),

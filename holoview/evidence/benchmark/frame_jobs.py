@@ -162,6 +162,12 @@ def open_renderer(
     return renderer
 
 
+def open_staged(system: System, device: Device, drive: Any = None) -> StagedRenderer:
+    """A renderer of a chain at its middle focal plane. drive: random patterns when None."""
+    shown = random_drive(system) if drive is None else drive
+    return StagedRenderer(system, shown, device, plane_m=middle_plane_m(system))
+
+
 def middle_plane_m(system: System) -> float:
     """The focal plane at which frames are rendered, m."""
     return float(system.planes_m[len(system.planes_m) // 2])
@@ -172,13 +178,21 @@ def full_frame(renderer: Renderer) -> TimedJob:
 
     def job() -> None:
         renderer.invalidate()
-        _update_and_wait(renderer)
+        update_and_wait(renderer)
 
     return job
 
 
-def frames_in_a_row(renderer: IncrementalRenderer, count: int) -> TimedJob:
-    """Render `count` frames and wait once, at the end."""
+def frames_in_a_row(renderer: Renderer, count: int) -> TimedJob:
+    """Render `count` frames and wait once, at the end; those of a chain wait for each beam."""
+    if isinstance(renderer, StagedRenderer):
+        whole = full_frame(renderer)
+
+        def frames() -> None:
+            for _ in range(count):
+                whole()
+
+        return frames
 
     def job() -> None:
         for _ in range(count):
@@ -229,12 +243,13 @@ def _edit(renderer: Renderer, change: Callable[[], dict[str, Any]], *, may_reord
 
     def job() -> None:
         renderer.edit(**change())
-        _update_and_wait(renderer, may_reorder=may_reorder)
+        update_and_wait(renderer, may_reorder=may_reorder)
 
     return job
 
 
-def _update_and_wait(renderer: Renderer, *, may_reorder: bool = False) -> None:
+def update_and_wait(renderer: Renderer, *, may_reorder: bool = False) -> None:
+    """Compute what an edit has left to compute, and wait for it."""
     if isinstance(renderer, StagedRenderer):
         deque(renderer.steps(), maxlen=0)  # which wait
         return

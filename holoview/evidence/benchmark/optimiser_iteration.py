@@ -14,12 +14,20 @@ from warnings import catch_warnings
 import numpy as np
 import torch
 
-from holoview.evidence.benchmark.frame_jobs import full_frame, open_renderer, time_interleaved
+from holoview.evidence.benchmark.frame_jobs import (
+    Renderer,
+    full_frame,
+    open_renderer,
+    open_staged,
+    time_interleaved,
+    update_and_wait,
+)
 from holoview.holograms.optimise.checkpoint import IterationState
 from holoview.holograms.optimise.memory import with_compact_grid
 from holoview.holograms.optimise.parallel import resolve_torch_device
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.solve import iterate
+from holoview.holograms.view import random_drive
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -76,16 +84,22 @@ def time_handover(system: System, device: Device, rounds: int, name: str = "auto
 
     The shaders' library can't share a card's memory with torch: patterns are copied to the processor, and from there.
     """
-    renderer, place = open_renderer(system, device), resolve_torch_device(name)
-    patterns = cycle([torch.rand(system.drive_shape, device=place) for _ in range(2)])
+    place, whole = resolve_torch_device(name), ""
+    renderer: Renderer = open_staged(system, device) if system.is_chain else open_renderer(system, device)
+    drives = [random_drive(system, seed) for seed in range(2)]
+    parts = [drive if system.is_chain else {whole: drive} for drive in drives]
+    patterns = cycle([{own: torch.from_numpy(p).to(place) for own, p in drive.items()} for drive in parts])
+
+    def fetch() -> dict[str, Any]:
+        return {own: tensor.cpu().numpy() for own, tensor in next(patterns).items()}
 
     def show() -> None:
-        renderer.edit(drive=next(patterns).cpu().numpy())
-        renderer.update(with_srgb=False)
-        device.wait()
+        drive = fetch()
+        renderer.edit(drive=drive if system.is_chain else drive[whole])
+        update_and_wait(renderer)
 
     jobs = {
-        f"patterns from {place} to the processor": lambda: (next(patterns).cpu(), None)[1],
+        f"patterns from {place} to the processor": lambda: (fetch(), None)[1],
         "patterns to the shaders, and a frame": show,
         "a frame": full_frame(renderer),
     }

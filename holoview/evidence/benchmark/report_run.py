@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.evidence.benchmark.chain_benchmark import benchmark_chain
 from holoview.evidence.benchmark.frame_benchmark import (
     benchmark_frame,
     first_image_criterion,
@@ -32,12 +33,14 @@ from holoview.evidence.benchmark.frame_benchmark import (
     reference_intensity,
 )
 from holoview.evidence.benchmark.frame_jobs import (
+    Renderer,
     TimedJob,
     amplitude_edit,
     frames_in_a_row,
     full_frame,
     gap_edit,
     open_renderer,
+    open_staged,
     scrub,
     time_interleaved,
     tune,
@@ -67,6 +70,8 @@ TOLERANCES = {
     "composite": 7e-8,  # 4.8e-8; a weight in f32 may be off by 6e-8, and product and sum add 2.4e-8 r.m.s. each
 }
 """Relative L2 error of a stage by itself: the worst seen, over all benches and four drives each, plus a little."""
+CHAIN_TOLERANCE = 1e-6
+"""The same of a chain of elements, whose transmissions are uploaded: of f32, and of transforms of any size."""
 
 
 @dataclass(frozen=True)
@@ -426,6 +431,7 @@ TORCH, OPTIMISER, QUALITY, VIEWER, POWER = "torch", "optimiser", "time to qualit
 _POWER_S = 3.0
 _QUALITY_PICTURE, _QUALITY_LONG = "still-life.png", 300
 _QUALITY_SIZE, _CARD_QUALITY_SIZE = (128, 96), (1024, 768)
+_QUALITY_SAMPLES = 1_000_000  # of a chain: samples, of all lasers and planes, that a run of minutes takes
 Size = tuple[int, int]
 
 
@@ -433,7 +439,7 @@ Size = tuple[int, int]
 class ReportOptions:
     """The scope of a report. sizes: samples, x by y. wavelengths: numbers of lasers. limit_s: of one case's rounds.
 
-    adapter: part of its name, as the user gave it.
+    A chain of elements has its own size and lasers, and none of these. adapter: part of its name, as the user gave it.
     """
 
     system: System
@@ -446,7 +452,18 @@ class ReportOptions:
     @property
     def middle_size(self) -> Size:
         """The size at which what takes no table of sizes is measured: 1024 × 768 where it is among them."""
+        if self.system.is_chain:
+            rows, columns = self.system.way.shape
+            return columns, rows
         return (1024, 768) if (1024, 768) in self.sizes else self.sizes[0]
+
+    @property
+    def middle_system(self) -> System:
+        """The bench at its middle size."""
+        if self.system.is_chain:
+            return self.system
+        columns, rows = (n // self.system.sampling.upsample for n in self.middle_size)
+        return self.system.edit({"shape": [rows, columns]})
 
 
 @dataclass(frozen=True)
@@ -478,10 +495,12 @@ class ReportRun:
 
     def measurements(self) -> list[ReportMeasurement]:
         """All measurements but those that need a window, in order."""
-        sizes = [measurement for size in self.options.sizes for measurement in self._of_size(size)]
+        is_chain, own = self.options.system.is_chain, ReportMeasurement(PARITY, "this chain", self._stages_of_chain)
+        sizes = [] if is_chain else [of for size in self.options.sizes for of in self._of_size(size)]
         return [
             ReportMeasurement(PROBE, "copies and submissions", self._probe),
             *(ReportMeasurement(PARITY, name, lambda name=name: self._stages(name)) for name in CHANGES),  # type: ignore[misc]
+            *([own] if is_chain else []),
             *sizes,
             ReportMeasurement(TORCH, "frames beside torch, first image", self._beside_torch),
             ReportMeasurement(OPTIMISER, "an iteration", self._optimiser),
@@ -537,6 +556,10 @@ class ReportRun:
         errors = worst_by_stage(ExecutorPair.open(parity_bench(**CHANGES[name]), self.device))
         return {stage: {"error": error, "allowed": TOLERANCES[stage]} for stage, error in errors.items()}
 
+    def _stages_of_chain(self) -> dict[str, Any]:
+        errors = worst_by_stage(ExecutorPair.open(self.options.system, self.device))
+        return {stage: {"error": error, "allowed": CHAIN_TOLERANCE} for stage, error in errors.items()}
+
     def _frame_error(self, size: Size, strategy: Strategy) -> dict[str, Any]:
         self._check_strategy(size, strategy)
         system = case_system(self.options.system, size, 1)
@@ -581,8 +604,11 @@ class ReportRun:
                 raise UserError(strategy, tuning["refused"][strategy])
 
     def _beside_torch(self) -> dict[str, Any]:
-        options, system = self.options, self._middle_system()
-        frame = benchmark_frame(system, self.device, options.rounds)
+        options, system = self.options, self.options.middle_system
+        if system.is_chain:
+            frame = benchmark_chain(system, self.device, options.rounds)
+        else:
+            frame = benchmark_frame(system, self.device, options.rounds)
         criteria = [*frame.criteria, first_image_criterion(system, options.adapter)]
         return {
             "size": list(options.middle_size),
@@ -594,7 +620,7 @@ class ReportRun:
     def _optimiser(self) -> dict[str, Any]:
         from holoview.evidence.benchmark.optimiser_iteration import time_handover, time_iterations
 
-        system, rounds = self._middle_system(), self.options.rounds
+        system, rounds = self.options.middle_system, self.options.rounds
         handover = time_handover(system, self.device, rounds)
         return time_iterations(system, rounds, self.options.limit_s) | {"handover_ms": handover}
 
@@ -604,20 +630,28 @@ class ReportRun:
     def _quality(self, size: Size = _QUALITY_SIZE, device: str = "cpu") -> dict[str, Any]:
         from holoview.evidence.benchmark.time_to_quality import QualityRun, quality_work, time_to_quality
 
-        columns, rows = (
-            min(n, most) // self.options.system.sampling.upsample
-            for n, most in zip(self.options.middle_size, size, strict=True)
-        )
-        system, picture = self.options.system.edit({"shape": [rows, columns]}), data_dir("assets") / _QUALITY_PICTURE
-        work = quality_work(system, picture, device=device)
+        system = self.options.system
+        if system.is_chain:
+            _require_few_samples(system)
+        else:
+            pairs = zip(self.options.middle_size, size, strict=True)
+            columns, rows = (min(n, most) // system.sampling.upsample for n, most in pairs)
+            system = system.edit({"shape": [rows, columns]})
+        work = quality_work(system, data_dir("assets") / _QUALITY_PICTURE, device=device)
         found = time_to_quality(work, QualityRun(_QUALITY_LONG, self.options.rounds))
         assert found is not None  # nothing interrupts it
         return found
 
     def _power(self) -> dict[str, Any]:
-        return measure_power(open_renderer(self._middle_system(), self.device), _POWER_S)
+        system = self.options.middle_system
+        opened: Renderer = open_staged(system, self.device) if system.is_chain else open_renderer(system, self.device)
+        return measure_power(opened, _POWER_S)
 
-    def _middle_system(self) -> System:
-        """The bench of the options at their middle size."""
-        columns, rows = (n // self.options.system.sampling.upsample for n in self.options.middle_size)
-        return self.options.system.edit({"shape": [rows, columns]})
+
+def _require_few_samples(system: System) -> None:
+    """Raises UserError for a chain whose long runs take more than some minutes."""
+    samples = math.prod(system.way.shape) * int((system.amplitudes > 0).sum()) * len(system.planes_m)
+    if samples > _QUALITY_SAMPLES:
+        found = f"{samples} samples in all lasers and planes"
+        remedy = "`holoview bench --optimiser` measures it, in hours"
+        raise UserError(system.name, found, expected=f"at most {_QUALITY_SAMPLES}", remedy=remedy)

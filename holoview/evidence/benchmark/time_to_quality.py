@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from holoview.evidence.benchmark.autograd_loop import StoredLoop, Work
+from holoview.evidence.benchmark.autograd_loop import ChainLoop, StoredLoop, Work
 from holoview.evidence.benchmark.frame_jobs import JobTimings, time_interleaved
 from holoview.evidence.benchmark.machine import processor_name
 from holoview.holograms.optimise.settings import Settings
@@ -63,8 +63,11 @@ class QualityRun:
 def quality_work(system: System, picture: str | os.PathLike[str] | Picture, seed: int = 0, device: str = "cpu") -> Work:
     """The case of a bench, without padding, and of a picture at its middle plane, for a device of torch.
 
-    Raises UserError for benches that the loop in torch doesn't compute.
+    A chain of elements keeps its padding. Raises UserError for benches that the loop in torch doesn't compute.
     """
+    if system.is_chain:
+        stack = np.asarray(target_for(system, picture).stack, dtype=np.float32)
+        return Work(system, stack, random_drive(system, seed), device)
     if system.frames != 1 or system.is_field:
         raise UserError(system.name, "has several frames or shows a field", expected="one frame of modulators")
     system = system.edit({"propagation": "periodic"})
@@ -99,6 +102,7 @@ def time_to_quality(work: Work, scope: QualityRun = QualityRun()) -> dict[str, A
         "size": list(work.system.way.shape[::-1]),
         "wavelengths": len(work.system.wavelengths_m),
         "planes": len(work.system.planes_m),
+        "is_chain": work.system.is_chain,
         "processor": processor_name(),
         "device": work.device,
         "threads": torch.get_num_threads(),
@@ -140,20 +144,25 @@ def planned(work: Work, iterations: int) -> Iterator[tuple[int, float]]:
 
 def adam_curve(work: Work, step_rad: float, iterations: int) -> Iterator[tuple[int, float]]:
     """PSNR at each tenth iteration of Adam, with the amplitudes solved for the patterns of that iteration."""
-    loop = StoredLoop(work, step_rad, _BETAS)
+    loop = _rival(work, step_rad)
     for made in range(iterations + 1):
-        intensities = loop.intensities(loop.drive)
+        light = loop.light()
         if made % _EVERY == 0:
-            loop.solve_amplitudes(intensities.detach())
-            yield made, loop.psnr_db(intensities.detach())
-        loop.move(torch.nn.functional.mse_loss(loop.image(intensities), loop.target))
+            loop.solve_amplitudes(light)
+            yield made, loop.psnr_db(light)
+        loop.move(loop.loss_of(light))
+
+
+def _rival(work: Work, step_rad: float = STEPS_RAD[0]) -> Any:
+    """The loop of Adam for a bench, with the light, the loss, the step and the amplitudes of each."""
+    return (ChainLoop if work.system.is_chain else StoredLoop)(work, step_rad, _BETAS)
 
 
 def _check_same_loss(work: Work) -> None:
-    loop = StoredLoop(work)
+    loop = _rival(work)
     settings = Settings(iterations=1, free=("patterns",))
     loss = next(iterate(work.system, work.stack, settings, start=work.drive, device=work.device)).loss
-    found = loop.loss(loop.drive).item()
+    found = loop.loss_of(loop.light()).item()
     if not abs(found / loss - 1) <= _SAME_LOSS:
         raise UserError(
             work.system.name,
@@ -200,15 +209,15 @@ def _run(work: Work, iterations: int) -> None:
 
 def _timed(work: Work, step_rad: float, iterations: int, rounds: int) -> dict[str, JobTimings]:
     """Times of a whole run of the optimiser, and of ten iterations of Adam with one solution for the amplitudes."""
-    adam = StoredLoop(work, step_rad, _BETAS)
+    adam = _rival(work, step_rad)
 
     def adam_steps() -> None:
         for made in range(_EVERY):
-            intensities = adam.intensities(adam.drive)
+            light = adam.light()
             if made == 0:
-                adam.solve_amplitudes(intensities.detach())
-            adam.move(torch.nn.functional.mse_loss(adam.image(intensities), adam.target))
-        float(adam.drive.detach().sum())  # waits for a card
+                adam.solve_amplitudes(light)
+            adam.move(adam.loss_of(light))
+        adam.wait()
 
     jobs: dict[str, Callable[[], None]] = {_OWN: partial(_run, work, iterations), _ADAM: adam_steps}
     return time_interleaved(jobs, rounds)
@@ -231,7 +240,7 @@ def quality_text(found: Mapping[str, Any]) -> str:
     return "\n".join(
         [
             f"{found['preset']}: {columns} x {rows} samples, {found['wavelengths']} wavelengths, "
-            f"{found['planes']} planes, not padded",
+            f"{found['planes']} planes{'' if found.get('is_chain') else ', not padded'}",
             f"{found['processor']}, {found['threads']} threads of torch",
             f"until a hologram is within {MARGIN_DB} dB of the better of two long runs: {found['goal_db']:.2f} dB",
             "",
