@@ -244,12 +244,69 @@ def test_a_stack_that_follows_is_a_run_from_the_hologram_before(name: str) -> No
     [
         ({"pupil_places_m": ((0.0, 0.0),)}, "pupil places: without an eye"),
         ({"drawn_pupils": 2, "drawn_radius_m": 1e-4}, "a function of the places with 2 drawn pupils"),
-        ({"drawn_planes": 1}, "some planes at a time"),
     ],
 )
 def test_what_is_not_known_of_chains_is_refused(settings: dict[str, Any], words: str) -> None:
     with pytest.raises(hv.UserError, match=words):
         next(iter(hv.iterate(_chain(_pixels("amplitude")), _STACK, hv.Settings(**settings))))
+
+
+def _with_five_planes(name: str) -> tuple[System, Any]:
+    system = _chain(*_CHAINS[name], frames=2).with_(planes=["2 mm", "2.5 mm", "3 mm", "3.5 mm", "4 mm"])
+    return system, np.random.default_rng(6).random((5, *_STACK.shape[1:])).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", _CHAINS)
+def test_the_gradient_of_some_planes_is_on_average_that_of_all(name: str) -> None:
+    system, stack = _with_five_planes(name)
+    problem = ChainProblem(system, stack, hv.Settings(plane_weights=(1, 2, 1, 1, 3), eyebox=0.02), double=True)
+    drives, _ = free_drives(random_drive(system), np.random.default_rng(1))
+
+    def slopes(planes: tuple[int, ...] | None) -> list[torch.Tensor]:
+        loss, _ = problem.loss(problem.evaluate(drives, system.amplitudes, planes), system.amplitudes)
+        return list(torch.autograd.grad(loss, list(drives.values())))
+
+    each, whole = [slopes((plane,)) for plane in range(5)], slopes(None)
+    for number, expected in enumerate(whole):
+        mean = torch.stack([own[number] for own in each]).mean(dim=0)
+        torch.testing.assert_close(mean, expected, rtol=1e-9, atol=1e-12 * float(expected.abs().max()))
+
+
+def test_with_drawn_planes_the_best_hologram_is_one_of_all_planes(monkeypatch: pytest.MonkeyPatch) -> None:
+    system, stack = _with_five_planes("phase and amplitude")
+    settings, taken = hv.Settings(iterations=45, drawn_planes=2, amplitudes_every=7), list[Any]()
+    evaluate = ChainProblem.evaluate
+
+    def watched(self: ChainProblem, drives: Any, amplitudes: Any, planes: Any = None) -> Any:
+        taken.append(planes)
+        return evaluate(self, drives, amplitudes, planes)
+
+    monkeypatch.setattr(ChainProblem, "evaluate", watched)
+    states = list(hv.iterate(system, stack, settings))
+    few = [number for number, planes in enumerate(taken) if planes is not None]
+    assert few and max(few) < 0.7 * 45 and not any(number % 7 == 0 or number % 10 == 0 for number in few)
+    turns = [{*taken[n], *taken[n + 1]} for n in few if n % 2 == 0 and n + 1 in few]
+    assert turns and all(len(turn) == 4 for turn in turns)  # two of five in an iteration, others in the next
+    whole = min((states[n] for n, planes in enumerate(taken) if planes is None), key=lambda state: state.loss)
+    assert states[-1].best_psnr_db == whole.psnr_db
+    assert states[-1].best_psnr_db > states[0].psnr_db
+    problem = ChainProblem(system, stack, settings)
+    best = {name: torch.from_numpy(drive) for name, drive in states[-1].best.drive.items()}
+    amplitudes = states[-1].best.system.amplitudes
+    loss = problem.loss(evaluate(problem, best, amplitudes), amplitudes)[0]
+    assert float(loss) == pytest.approx(whole.loss, rel=1e-5)  # f32
+
+
+def test_a_run_with_drawn_planes_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    system, stack = _with_five_planes("phase and amplitude")
+    settings, whole = hv.Settings(iterations=20, drawn_planes=1), []
+    for state in hv.iterate(system, stack, settings):
+        whole.append(state)
+        if state.iteration == 2:
+            state.checkpoint().save(tmp_path / "checkpoint.safetensors")
+    found = list(hv.iterate(system, stack, settings, resume=load_checkpoint(tmp_path / "checkpoint.safetensors")))
+    assert [s.loss for s in found] == [s.loss for s in whole[3:]]
+    assert found[0].picture().shape == stack.shape[1:]
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,14 @@ from PIL import Image
 import holoview as hv
 from holoview.commands.cli import main
 from holoview.holograms.fields.field_target import FieldTarget
+from holoview.holograms.optimise.chain_loop import ChainProblem
 from holoview.holograms.optimise.field_loss import ComplexTarget
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model import preset
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
+from tests.optimise.chain_slopes import free_drives, slope_along
 
 PLANES = ["4 mm", "6 mm"]
 REGION = (6, 4, 40, 30)
@@ -135,6 +137,89 @@ def test_what_it_cannot_have_is_said(changes: dict[str, Any], settings: dict[str
     target = ComplexTarget.of(_scene(_system()), system)
     with pytest.raises(UserError, match=said):
         Problem(system, target, Settings(**settings))
+
+
+PIXELS = {"kind": "phase", "pitch": "8 um", "shape": [20, 28], "stroke": "825 nm"}
+SPACE = {"kind": "space", "distance": "1 mm", "square": "first order"}
+CHAINS: dict[str, tuple[dict[str, Any], ...]] = {
+    "phase and coarse amplitude": (PIXELS, SPACE, {"kind": "amplitude", "pitch": "16 um", "shape": [10, 14]}),
+    "complex": ({"kind": "complex", "pitch": "8 um", "shape": [20, 28]},),
+    "two arms": (PIXELS | {"name": "one"}, PIXELS | {"beside": "one", "name": "other"}, SPACE, PIXELS),
+}
+
+
+def _chain(name: str) -> System:
+    lasers = {"wavelengths_m": ["460 nm", "620 nm"], "amplitudes": [[1.0, 0.7]]}
+    return System(**lasers, elements=CHAINS[name], planes_m=PLANES)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_loss_of_a_chain_is_what_the_fields_overlap_by(name: str) -> None:
+    system = _chain(name)
+    target, drive = ComplexTarget.of(_scene(system), system), hv.random_drive(system)
+    problem = ChainProblem(system, target, Settings(region=REGION), double=True)
+    shown = {own: torch.from_numpy(patterns) for own, patterns in drive.items()}
+    losses = [
+        problem.loss(problem.evaluate(shown, system.amplitudes, planes), system.amplitudes)[0]
+        for planes in (None, (0,), (1,))
+    ]
+    assert float(losses[0]) == pytest.approx(1 - _fidelity(system, drive, target, REGION), abs=1e-6)
+    assert float(losses[0]) == pytest.approx(float(losses[1] + losses[2]) / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_derivative_of_a_chain_is_what_central_differences_approach(name: str) -> None:
+    system, rng = _chain(name), np.random.default_rng(0)
+    target = ComplexTarget.of(_scene(system), system)
+    problem = ChainProblem(system, target, Settings(region=REGION, plane_weights=(1.0, 2.0)), double=True)
+    drives, ways = free_drives(hv.random_drive(system), rng)
+    slope, loss = slope_along(problem, system, drives, ways)
+    size = 1e-6  # as above; rounding 1e-16/1e-6
+    assert slope == pytest.approx(float(loss(size) - loss(-size)) / (2 * size), rel=1e-6, abs=1e-8)
+
+
+def test_a_chain_in_place_of_a_short_form_has_its_loss_of_fields() -> None:
+    """A plane mask changes nothing, and makes a chain."""
+    system = _system(gap=None, modulators=[{"pitch": "8 um", "shape": [20, 28], "stroke": "825 nm"}])
+    mask = {"kind": "mask", "pitch": "8 um", "shape": [20, 28], "pattern": "random", "stroke": 0.0}
+    chain = System(
+        system.wavelengths_m, system.amplitudes, elements=[PIXELS, mask], planes_m=PLANES, sampling=system.sampling
+    )
+    target, drive = ComplexTarget.of(_scene(system), system), hv.random_drive(system)
+    path = torch.from_numpy(drive.astype(np.float64)) * system.modulators[0].stroke_m
+    expected = Problem(system, target, Settings(), double=True).evaluate(path, system.amplitudes, EvaluationRequest())
+    problem = ChainProblem(chain, target, Settings(), double=True)
+    found = problem.evaluate({"phase": torch.from_numpy(drive[:, 0])}, chain.amplitudes)
+    assert float(problem.loss(found, chain.amplitudes)[0]) == pytest.approx(expected.loss, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_chain_shows_a_field_with_its_phase(name: str) -> None:
+    """That of other patterns of the same bench: more of it than random patterns show."""
+    system = _chain(name)
+    target = ComplexTarget.of(_scene(system), system)
+    states = list(hv.iterate(system, target, Settings(iterations=40)))
+    best = states[-1].best
+    found, before = (_fidelity(system, drive, target, (0, 0, 56, 40)) for drive in (best.drive, hv.random_drive(system)))
+    # the bench's own lasers: fidelities don't depend on powers; f32
+    assert found == pytest.approx(1 - min(state.loss for state in states), abs=1e-4)
+    assert found > before + 0.05 and np.isfinite(states[-1].psnr_db)
+
+
+@pytest.mark.parametrize(
+    ("levels", "settings", "said"),
+    [
+        (2, {}, "levels"),
+        (None, {"free": ("patterns", "wavelengths")}, "wavelengths"),
+        (None, {"loss": "xyz"}, "its fields are compared"),
+    ],
+)
+def test_what_the_loss_of_a_chain_cannot_have_is_said(levels: int | None, settings: dict[str, Any], said: str) -> None:
+    system = _chain("phase and coarse amplitude")
+    target = ComplexTarget.of(_scene(system), system)
+    system = system if levels is None else system.edit({"elements.amplitude.levels": levels})
+    with pytest.raises(UserError, match=said):
+        next(iter(hv.iterate(system, target, Settings(**settings))))
 
 
 def test_a_laser_that_the_field_lacks_is_said() -> None:

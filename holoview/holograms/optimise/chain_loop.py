@@ -32,6 +32,7 @@ from holoview.holograms.optimise.checkpoint import (
     target_digest,
 )
 from holoview.holograms.optimise.eyes import Places, drawn_pupils
+from holoview.holograms.optimise.field_loss import ComplexTarget, check_suits, infidelity, split_target
 from holoview.holograms.optimise.lasers import check_effects, next_amplitudes
 from holoview.holograms.optimise.objective import (
     AmplitudeLeastSquares,
@@ -39,6 +40,7 @@ from holoview.holograms.optimise.objective import (
     channels_of_wavelengths,
     make_objective,
 )
+from holoview.holograms.optimise.plane_turns import planes_in_turn
 from holoview.holograms.optimise.problem import plan_for
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.wavelengths import (
@@ -84,15 +86,14 @@ def iterate_chain(
 ) -> Iterator[IterationState]:
     """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
 
-    Raises UserError for what isn't known of chains, such as a complex target, and as `iterate` does.
+    Raises UserError as `iterate` does.
     """
     drawn = drawn_pupils(system, settings, stack)
-    places_m, stack = (None, stack) if drawn is None else drawn(0)
-    check_known(settings, stack)
-    problem = ChainProblem(system, stack, settings, device, places_m=places_m)
+    places_m, target = (None, stack) if drawn is None else drawn(0)
+    problem = ChainProblem(system, target, settings, device, places_m=places_m)
     patterns, lasers = ChainPatterns(system, settings, start), FreeWavelengths(system.wavelengths_m, settings)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
-    make_best, begun = None, (system, settings, target_digest(stack))
+    pictured, make_best, begun = None, None, (system, settings, target_digest(*split_target(target)))
     if resume is not None:
         resume.check_matches(*begun, "checkpoint")
         amplitudes, done = resume.tensors["amplitudes"].astype(np.float64), resume.progress.iteration
@@ -105,12 +106,16 @@ def iterate_chain(
         if drawn is not None and iteration > 0:
             problem.see_from(*drawn(iteration))
         shown = patterns.shown()
-        found = problem.evaluate(shown, amplitudes)
-        if "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last):
+        solves = "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last)
+        is_whole = make_best is None or solves or lasers.are_due(iteration)
+        planes = None if is_whole else problem.planes_of(iteration)
+        found = problem.evaluate(shown, amplitudes, planes)
+        if solves:
             amplitudes = problem.solved_amplitudes(found.intensity)
         loss, image = problem.loss(found, amplitudes)
-        value, psnr_db = _finite(loss), problem.objective.psnr_db(image)
-        if value < best[0] or drawn is not None:
+        value, psnr_db = _finite(loss), problem.objective.psnr_db(image, planes)
+        pictured = image[len(image) // 2] if planes is None or pictured is None else pictured
+        if planes is None and (value < best[0] or drawn is not None):
             best = (value, psnr_db)
             make_best = _maker(problem.plan.nominal, shown, amplitudes)
         if not is_last:
@@ -128,7 +133,7 @@ def iterate_chain(
             light=problem.light(found.intensity, amplitudes),
             seconds=seconds,
             make_best=make_best,
-            picture=partial(problem.objective.picture, image[len(image) // 2]),
+            picture=partial(problem.objective.picture, pictured),
             checkpoint=partial(_checkpoint, *begun, progress, patterns, lasers, amplitudes, make_best),
         )
 
@@ -236,33 +241,36 @@ def _finite(loss: Tensor) -> float:
     return value
 
 
-def check_known(settings: Settings, stack: Any) -> None:
-    """Raises UserError for settings and targets that chains don't have."""
+def check_whole_picture(settings: Settings, stack: Any) -> None:
+    """Raises UserError for settings and targets of `iterate` that a mask to learn and a driven element don't have."""
     unknown = {
         "some planes at a time": bool(settings.drawn_planes),
         "a complex target": not isinstance(stack, np.ndarray),
     }
     for what, is_wanted in unknown.items():
         if is_wanted:
-            raise UserError("optimisation", f"{what}, of a chain of elements", expected="all planes, and a picture")
+            raise UserError("optimisation", what, expected="all planes, and a picture")
 
 
 class ChainProblem:
-    """A chain, a target and a loss. Raises UserError as `make_objective` and `check_plan` do.
+    """A chain, a target and a loss. Raises UserError as `make_objective`, `check_plan` and `check_suits` do.
 
-    places_m: places (y, x) of the eye's pupil, those of the settings when None.
+    stack: a focal stack, or a complex target, whose fields are compared. places_m: places (y, x) of the eye's pupil, those of the settings when None.
     """
 
     def __init__(
         self,
         system: System,
-        stack: NDArray[np.floating],
+        stack: NDArray[np.floating] | ComplexTarget,
         settings: Settings,
         device: str = "cpu",
         *,
         double: bool = False,
         places_m: Places | None = None,
     ) -> None:
+        stack, complex_target = split_target(stack)
+        if complex_target is not None:
+            check_suits(system, settings, 1)
         if "wavelengths" in settings.free:
             _check_wavelength_range(system, settings)
         self.plan = plan_for(system, settings, settings.pupil_places_m if places_m is None else places_m)
@@ -279,6 +287,15 @@ class ChainProblem:
         self._agreement = AgreementPenalty(people, self.objective.loss) if people else None
         self.lasers = [(f, λ) for λ in range(len(system.wavelengths_m)) for f in self.plan.lit(λ)]
         self._share = 1.0 / (system.frames * len(self.plan.slopes))
+        self._fields = None if complex_target is None else complex_target.of_lasers(self.lasers).to(device)
+        self._has_levels = any(getattr(element, "levels", None) is not None for element in system.elements)
+
+    def planes_of(self, iteration: int) -> tuple[int, ...] | None:
+        """The planes that count in an iteration, if it needs nothing that takes all of them; None: all."""
+        settings, count = self.settings, len(self.objective.target)
+        if self._has_levels or not settings.drawn_planes:
+            return None
+        return planes_in_turn(iteration, settings.iterations, count, settings.drawn_planes, settings.seed)
 
     def set_wavelengths(self, wavelengths_m: Floats) -> None:
         """Changes to other wavelengths (wavelength,) on the same grid."""
@@ -333,35 +350,52 @@ class ChainProblem:
             out += self.settings.agreement * self._agreement.value_and_gradient(λ, amplitudes.mean(axis=0))[1]
         return out
 
-    def evaluate(self, drives: Mapping[str, Tensor], amplitudes: Floats) -> ChainLight:
-        """The light of all lasers at unit amplitude for patterns by name, with torch's graph."""
-        return self._light_of(self._executor, drives)
+    def evaluate(
+        self, drives: Mapping[str, Tensor], amplitudes: Floats, planes: Sequence[int] | None = None
+    ) -> ChainLight:
+        """The light of all lasers at unit amplitude in some planes, all when None, with torch's graph.
 
-    def _light_of(self, executor: ChainExecutor, drives: Mapping[str, Tensor]) -> ChainLight:
+        drives: patterns by name.
+        """
+        return self._light_of(self._executor, drives, planes)
+
+    def _light_of(
+        self, executor: ChainExecutor, drives: Mapping[str, Tensor], planes: Sequence[int] | None = None
+    ) -> ChainLight:
         transmissions = executor.inputs.sampled_transmissions
         assert isinstance(transmissions, ChainTransmissions)
         transmissions.show(dict(drives))
-        intensity, spectra, last = [], [], self.plan.way.last
-        for frame, wavelength in self.lasers:
-            planes, powers = [], []
+        intensity, spectra, missed, last = [], [], [], self.plan.way.last
+        chosen = range(len(self.plan.planes)) if planes is None else planes
+        inside = (..., *self.objective.region_slices)
+        for laser, (frame, wavelength) in enumerate(self.lasers):
+            squares, powers = [], []
             for source in range(len(self.plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
                 powers.append(_power(spectrum.values * executor.stops(wavelength).abs()))
                 seen = [
-                    executor.field(executor.transmit(spectrum, last, wavelength, plane), last)
-                    for plane in range(len(self.plan.planes))
+                    executor.field(executor.transmit(spectrum, last, wavelength, plane), last).values
+                    for plane in chosen
                 ]
-                planes.append(torch.stack([_power(field.values) for field in seen]))
-            intensity.append(self._share * torch.stack(planes).sum(dim=0))
+                squares.append(torch.stack([_power(field) for field in seen]))
+                if self._fields is not None:
+                    wanted = self._fields[list(chosen), laser].to(seen[0])
+                    missed.append(infidelity(torch.stack(seen)[inside], wanted[inside]))
+            intensity.append(self._share * torch.stack(squares).sum(dim=0))
             spectra.append(self._share * torch.stack(powers).sum(dim=0))
-        return ChainLight(torch.stack(intensity), torch.stack(spectra))
+        losses = torch.stack(missed).mean(dim=0) if missed else None
+        return ChainLight(torch.stack(intensity), torch.stack(spectra), planes, losses)
 
     def loss(self, found: ChainLight, amplitudes: Floats, channels: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """The loss, and the image (plane, channel, y, x). channels (laser, channel): of the lasers."""
         weights = torch.as_tensor(self._weights(amplitudes)).to(found.intensity)
         colours = weights[:, None] * (self._channels() if channels is None else channels)
         image = torch.einsum("lpyx,lc->pcyx", found.intensity, colours)
-        loss = self.objective.loss_of(image)
+        if found.missed is None:
+            loss = self.objective.loss_of(image, found.planes)
+        else:
+            of_planes = self.objective.plane_weights[slice(None) if found.planes is None else list(found.planes)]
+            loss = (torch.as_tensor(of_planes).to(found.missed) * found.missed).mean()
         if self.settings.eyebox:
             loss = loss + self.settings.eyebox * self._variations(found.spectra, amplitudes).square().mean()
         return loss, image.detach()
@@ -426,10 +460,19 @@ class ChainProblem:
 
 class ChainLight:
     """The light of lasers at unit amplitude: intensity (laser, plane, y, x), and spectra (laser, rows, columns), powers
-    behind the last stops."""
+    behind the last stops.
 
-    def __init__(self, intensity: Tensor, spectra: Tensor) -> None:
-        self.intensity, self.spectra = intensity, spectra
+    planes: which; all when None. missed (plane,): of a complex target, the mean of `infidelity` over all beams.
+    """
+
+    def __init__(
+        self,
+        intensity: Tensor,
+        spectra: Tensor,
+        planes: Sequence[int] | None = None,
+        missed: Tensor | None = None,
+    ) -> None:
+        self.intensity, self.spectra, self.planes, self.missed = intensity, spectra, planes, missed
 
 
 class ChainExecutor(TorchExecutor):

@@ -23,7 +23,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.optimise.chain_loop import ChainExecutor, ChainProblem, check_known
+from holoview.holograms.optimise.chain_loop import ChainExecutor, ChainProblem, check_whole_picture
 from holoview.holograms.optimise.forward_model import AutogradModel, ForwardModel, ProcessRows
 from holoview.holograms.optimise.lasers import Laser
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
@@ -182,7 +182,7 @@ class DrivenChainElement(DrivenElement):
     def __init__(
         self, system: System, stack: NDArray[np.floating], settings: Settings, start: Any, device: str, name: str
     ) -> None:
-        check_known(settings, stack)
+        check_whole_picture(settings, stack)
         problem = ChainProblem(system, stack, settings, device)
         super().__init__(problem, system, name)
         self._problem, shapes = problem, system.drive_shapes

@@ -70,7 +70,7 @@ def check_suits(system: System, settings: Settings, processes: int) -> None:
         raise UserError("free", "wavelengths with a complex target", expected="patterns and amplitudes")
     if settings.loss is not None:
         raise UserError("loss", f'"{settings.loss}" with a complex target', expected="none: its fields are compared")
-    if any(modulator.levels is not None for modulator in system.modulators):
+    if any(getattr(element, "levels", None) is not None for element in system.elements):
         raise UserError("levels", "with a complex target", expected="modulators that are continuous")
     if settings.pupil_places_m or settings.drawn_pupils or processes > 1:
         found = "places of a pupil" if processes == 1 else f"{processes} processes"
@@ -125,6 +125,13 @@ class FieldEvaluation:
             fields.zero_()
             fields[inside] = slopes
         return float((1 - fidelity).double().mean())
+
+
+def infidelity(light: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+    """1 − |⟨T, E⟩|²/(‖T‖²·‖E‖²) of fields (…, y, x), (…), of which torch takes the derivative."""
+    overlap = (wanted.conj() * light).sum(dim=(-2, -1)).abs().square()
+    powers = [values.abs().square().sum(dim=(-2, -1)) for values in (wanted, light)]
+    return 1 - overlap / (powers[0] * powers[1]).clamp_min(torch.finfo(powers[0].dtype).tiny)
 
 
 def split_target(

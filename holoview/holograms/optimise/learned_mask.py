@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.optimise.adam import sqrt_decay
-from holoview.holograms.optimise.chain_loop import ChainPatterns, ChainProblem, check_known
+from holoview.holograms.optimise.chain_loop import ChainPatterns, ChainProblem, check_whole_picture
 from holoview.holograms.optimise.objective import Objective, make_objective
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.elements import PhaseModulator
@@ -97,7 +97,7 @@ def learn_mask(
         raise UserError("pictures", "none", expected="one at least")
     if "wavelengths" in settings.free:
         raise UserError("free", "wavelengths, of a mask that many pictures share", expected="patterns and amplitudes")
-    check_known(settings, stacks[0])
+    check_whole_picture(settings, stacks[0])
     problem = ChainProblem(system, stacks[0], settings, device)
     own = [other for other in system.drive_shapes if other != name]
     mask = ChainPatterns(system, settings, None, [name])

@@ -93,11 +93,11 @@ class Objective:
         _check_stack(stack, (planes, rows, columns, 3))
         self.target.copy_(_target_channels(self.loss, stack))
 
-    def loss_of(self, image: Tensor) -> Tensor:
-        """The loss of an image (plane, channel, y, x), of which torch takes the derivative."""
+    def loss_of(self, image: Tensor, planes: Sequence[int] | None = None) -> Tensor:
+        """The loss of an image (plane, channel, y, x) of some planes, all when None; torch takes its derivative."""
         inside, parts = (slice(None), *self.region_slices), []
-        for shown, wanted, weight in zip(image, self.target, self.plane_weights, strict=True):
-            shown, wanted = shown[inside], wanted[inside]
+        for shown, plane in zip(image, planes or range(len(self.target)), strict=True):
+            shown, wanted, weight = shown[inside], self.target[plane][inside], self.plane_weights[plane]
             if self.loss.is_encoded:
                 shown, wanted = torch_srgb_encode(shown), torch_srgb_encode(wanted)
             part = (shown - wanted).square().mean()
@@ -106,14 +106,13 @@ class Objective:
             parts.append(float(weight) * part)
         return torch.stack(parts).mean()
 
-    def psnr_db(self, image: Tensor) -> float:
-        """The PSNR of an image (plane, channel, y, x) as of `PlaneLoss`, mean over planes."""
-        inside = (slice(None), *self.region_slices)
-        norms = [
-            self._error_norm(shown[inside], wanted[inside]) for shown, wanted in zip(image, self.target, strict=True)
-        ]
+    def psnr_db(self, image: Tensor, planes: Sequence[int] | None = None) -> float:
+        """The PSNR of an image (plane, channel, y, x) as of `PlaneLoss`, mean over some planes, all when None."""
+        inside, planes = (slice(None), *self.region_slices), planes or range(len(self.target))
+        pairs = zip(image, planes, strict=True)
+        norms = [self._error_norm(shown[inside], self.target[plane][inside]) for shown, plane in pairs]
         both = torch.stack(norms)[:, None, None].expand(-1, 1, 2)
-        return float(np.mean([one.psnr_db for one in self.plane_losses(range(len(image)), both)]))
+        return float(np.mean([one.psnr_db for one in self.plane_losses(planes, both)]))
 
     def evaluate_rows(self, plane: int, rows: slice, image: Tensor, kernels: Kernels = TORCH_KERNELS) -> ResidualSums:
         """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image.

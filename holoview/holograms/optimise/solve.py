@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import cache
 from importlib import import_module
 from threading import Thread
 from typing import Any
@@ -29,6 +29,7 @@ from holoview.holograms.optimise.eyes import StacksAt, drawn_pupils
 from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
 from holoview.holograms.optimise.kernel_choice import compiler, load_kernels, will_compile
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
+from holoview.holograms.optimise.plane_turns import planes_in_turn
 from holoview.holograms.optimise.problem import EvaluationRequest, Floats, LossEvaluation, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import NEXT_ITERATIONS, Settings, next_settings
@@ -40,9 +41,6 @@ from holoview.util.progress import TextCallback, no_text
 
 _DEFAULT = Settings()
 _NOTHING_DONE = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
-_DRAWN_SHARE = 0.7  # of the iterations; the last ones take all planes, and are so many where that's at most half
-_SETTLING = 40
-_WHOLE_EVERY = 10  # iterations of which one takes all planes
 _FEWEST_PLANES = 4  # of which one is drawn by default
 _WORK_BESIDE = 5e8  # samples of a field in a plane, which torch computes in 14 s of a processor, an AMD EPYC's
 LONG_RUN = 80
@@ -295,20 +293,12 @@ class Optimiser:
         return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
 
     def _request(self, iteration: int) -> EvaluationRequest:
-        """The quantities and the planes to evaluate in an iteration.
-
-        Early iterations take some planes in turn, in an order that is drawn anew for each turn. The sum of a turn's
-        gradients is nearly that of all planes, unlike that of independently drawn planes.
-        """
-        request, iterations = self.variables.evaluation_request(iteration), self.settings.iterations
-        count, few = len(self.problem.objective.target), self._planes_at_a_time
-        settles = iteration >= min(_DRAWN_SHARE * iterations, max(iterations - _SETTLING, iterations / 2))
-        is_first = self._make_best is None
-        if not 0 < few < count or settles or is_first or iteration % _WHOLE_EVERY == 0 or request.takes_all_planes:
+        """The quantities and the planes to evaluate in an iteration."""
+        request, settings = self.variables.evaluation_request(iteration), self.settings
+        if self._make_best is None or request.takes_all_planes:
             return request
-        turn, place = divmod(iteration, count // few)
-        chosen = _order_of_planes(self.settings.seed, turn, count)[place * few : (place + 1) * few]
-        return replace(request, planes=tuple(sorted(chosen)))
+        count, few = len(self.problem.objective.target), self._planes_at_a_time
+        return replace(request, planes=planes_in_turn(iteration, settings.iterations, count, few, settings.seed))
 
     @property
     def _planes_at_a_time(self) -> int:
@@ -341,13 +331,6 @@ class Optimiser:
         self._make_best = cache(resume.best)
         self.progress = resume.progress
         self.problem.set_wavelengths(self.variables.wavelengths.values_m)
-
-
-@lru_cache(maxsize=2)
-def _order_of_planes(seed: int, turn: int, count: int) -> list[int]:
-    """All planes in an order that is drawn anew for each turn."""
-    order: list[int] = np.random.default_rng((seed, turn)).permutation(count).tolist()
-    return order
 
 
 # --- recorded steps ---
