@@ -127,7 +127,6 @@ def _prepare_task(args: argparse.Namespace, file: Path) -> CalibrationTask:
     settings = given_fields(args, CalibrationSettings)
     start = None if args.preset is None else preset.load(args.preset)
     captures = with_clipped_as_saturated(read_captures(file), lambda text: print_stderr(f"note: {text}"))
-    captures.nominal_system().require_short_form("a calibration")
     task = plan_calibration(captures, start, args.output.stem, settings, args.pixels_a_node)
     for note in task.notes:
         print_stderr(f"note: {note}")

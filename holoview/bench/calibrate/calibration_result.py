@@ -391,9 +391,14 @@ def starting_bench(captures: Captures, preset_system: System | None, name: str) 
         return nominal.edit({"name": name, "description": f"Calibrated from {len(captures)} captures."})
     if "calibrated" in preset_system.effect_values:
         raise UserError("preset", "is calibrated already", remedy="start from the preset without [effects.calibrated]")
-    geometry = {"gap": "gap_m", "relay1": "relay1", "modulators": "modulators", "relay2": "relay2"}
-    for key, attribute in geometry.items():
-        stated, expected = getattr(preset_system, attribute), getattr(nominal, attribute)
+    if preset_system.is_chain != nominal.is_chain:
+        kinds = {True: "a chain of elements", False: "one or two equal phase modulators"}
+        found, expected = kinds[preset_system.is_chain], f"{kinds[nominal.is_chain]}, as the captures' file tells"
+        raise UserError("preset", found, expected=expected)
+    pairs = zip(_geometry(preset_system).items(), _geometry(nominal).items(), strict=False)
+    for (key, stated), (own, expected) in pairs:
+        if key != own:
+            raise UserError("preset: elements", f'"{key}"', expected=f'"{own}" there, as the captures\' file tells')
         if not _nearly_equal(stated, expected):
             raise UserError(
                 f"preset: {key}",
@@ -404,11 +409,24 @@ def starting_bench(captures: Captures, preset_system: System | None, name: str) 
     return preset_system
 
 
+def _geometry(system: System) -> dict[str, Any]:
+    """What captures tell of a bench, by the keys of presets, in a fixed order."""
+    if not system.is_chain:
+        keys = {"gap": "gap_m", "relay1": "relay1", "modulators": "modulators", "relay2": "relay2"}
+        return {key: getattr(system, attribute) for key, attribute in keys.items()}
+    parts: dict[str, Any] = {"number of elements": len(system.elements), "planes_from": system.planes_from}
+    for name, element in zip(system.element_names, system.elements, strict=True):
+        parts[f"elements.{name}.kind"] = element.kind
+        own = [field.name for field in dataclasses.fields(element) if field.name not in ("name", "levels")]
+        parts |= {f"elements.{name}.{key.removesuffix('_m')}": getattr(element, key) for key in own}
+    return parts
+
+
 def _nearly_equal(a: Any, b: Any) -> bool:
     """Whether two parts of a System are equal except for rounding; the levels of modulators may differ."""
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(_nearly_equal(x, y) for x, y in zip(a, b, strict=True))
-    if dataclasses.is_dataclass(a):
+    if dataclasses.is_dataclass(a) and type(a) is type(b):
         names = [field.name for field in dataclasses.fields(a) if field.name != "levels"]
         return all(_nearly_equal(getattr(a, name), getattr(b, name)) for name in names)
     if isinstance(a, float) and isinstance(b, float | int):
@@ -484,7 +502,8 @@ class CalibrationTask:
         if len(self.captures.wavelengths_m) == 1:
             notes.append("one wavelength only: what changes with the wavelength can't be known")
         if len(set(self.captures.distance_m.tolist())) == 1 and not self.captures.is_fourier:
-            notes.append("one plane only: relay 2 and the camera can't be told apart")
+            to_camera = self.layout.relays[1] if self.layout.relays else "relay 2"
+            notes.append(f"one plane only: {to_camera} and the camera can't be told apart")
         return notes
 
     def train(self, resume: CalibrationCheckpoint | None) -> Iterator[TrainingState]:
@@ -562,13 +581,15 @@ def plot_calibration(
 
 
 def _plot_source(path: Path, learned: LearnedMaps, captures: Captures) -> None:
-    """Amplitude and optical path of the light on modulator 1 at every anchor wavelength."""
+    """Amplitude and optical path of the light on the first modulator or element at every anchor wavelength."""
     shape = (captures.levels.shape[2], captures.levels.shape[3])
-    slm = captures.slms[0]
+    slm, chain = captures.slms[0], captures.chain
+    own = (slm.opd_range_m, slm.pitch_m, shape, captures.upsample)
+    own = own if chain is None else (0.0, chain.way.sample_m, chain.way.shape, 1)
     anchors = learned.layout.anchors_m
     with png_figure(path, (4.0 * len(anchors), 6.4)) as figure:
         for axes, anchor in zip(_columns(figure, 2, len(anchors)), anchors, strict=True):
-            at = ModulatorContext(0, anchor, slm.opd_range_m, slm.pitch_m, shape, captures.upsample)
+            at = ModulatorContext(0, anchor, *own)
             amplitude = learned.source_map("source_log_amplitude", at).exp()
             opd_m = learned.source_map("source_opd_m", at)
             title = format_rounded(anchor, "nm")
@@ -581,14 +602,14 @@ def _plot_source(path: Path, learned: LearnedMaps, captures: Captures) -> None:
 def _plot_tables(path: Path, learned: LearnedMaps) -> None:
     """The look-up table of each modulator beside the nominal straight line."""
     drive = np.linspace(0, 1, learned.layout.knots)
+    names = learned.layout.elements or [f"modulator {number + 1}" for number in range(learned.layout.modulators)]
     with png_figure(path, (5.0, 4.2)) as figure:
         axes = figure.subplots()
-        for modulator in range(learned.layout.modulators):
-            axes.plot(
-                drive, learned.response_table(modulator).numpy(), "o-", markersize=3, label=f"modulator {modulator + 1}"
-            )
+        for modulator, name in enumerate(names):
+            axes.plot(drive, learned.response_table(modulator).numpy(), "o-", markersize=3, label=name)
         axes.plot([0, 1], [0, 1], "--", color="grey", label="nominal")
-        axes.set(xlabel="drive", ylabel="optical path / nominal stroke", title="look-up tables")
+        of = "what pixels show" if learned.layout.elements else "optical path / nominal stroke"
+        axes.set(xlabel="drive", ylabel=of, title="look-up tables")
         axes.legend()
 
 
@@ -618,7 +639,8 @@ def _plot_pupils(path: Path, learned: LearnedMaps) -> None:
             inside = (torch.hypot(side[:, None], side[None, :]) <= sine).numpy()
             opd_nm = np.where(inside, learned.relay_opd(at).numpy() * 1e9, np.nan)
             amplitude = np.where(inside, learned.relay_amplitude(at).numpy(), np.nan)
-            title = f"relay {relay + 1}, {format_rounded(layout.reference_m, 'nm')}"
+            name = layout.relays[relay] if layout.relays else f"relay {relay + 1}"
+            title = f"{name}, {format_rounded(layout.reference_m, 'nm')}"
             _show_map(figure, axes[0], opd_nm, f"optical path / nm, {title}", "RdBu", 0.0)
             _show_map(figure, axes[1], amplitude, f"amplitude, {title}", "viridis")
 

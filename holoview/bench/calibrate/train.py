@@ -68,6 +68,7 @@ from holoview.bench.captures.prepared_captures import (
 )
 from holoview.holograms.optimise.adam import Adam, cosine_decay
 from holoview.light.effects.calibrated import Calibrated
+from holoview.light.model import preset
 from holoview.light.model.bench_parts import Relay
 from holoview.light.model.effects.effect import Values
 from holoview.light.model.effects.learned_maps import (
@@ -81,6 +82,7 @@ from holoview.light.model.effects.learned_maps import (
 )
 from holoview.light.model.effects.registry import EffectValues
 from holoview.light.model.fields import Integer, Number, described_field, same_field, validate
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat, differing_fields, refuse_differences
 from holoview.util.tables import ArraySchema, read_record
@@ -153,6 +155,7 @@ class CalibrationSettings:
 
 
 Indices = NDArray[np.intp]
+Floats = NDArray[np.float64]
 
 
 # --- captures that are trained on, and captures that only judge ---
@@ -250,23 +253,58 @@ def map_layout_for(
 ) -> MapLayout:
     """The layout of the maps that captures of the indices `train` (n,) can determine.
 
-    pixels_per_node: modulator pixels per node and axis of the source's maps.
+    pixels_per_node: modulator pixels per node and axis of the source's maps; of a chain pixels of its first modulator.
     """
     wavelengths = np.unique(captures.wavelength_m[train])
+    if captures.chain is not None:
+        return _chain_layout(captures.chain, wavelengths, pixels_per_node)
     has_two_slms, has_camera_relay = len(captures.slms) == 2, not captures.is_fourier
     return MapLayout(
         modulators=len(captures.slms),
         reference_m=float(wavelengths.mean()),
         anchors_m=_anchors(wavelengths),
-        source_nodes=_source_node_counts(captures, pixels_per_node),
+        source_nodes=_source_node_counts(captures.levels.shape[2:], pixels_per_node),
         warp_nodes=_WARP_NODES if has_two_slms else (0, 0),
         noll1=_NOLL_1 if has_two_slms else (),
         noll2=_NOLL_2 if has_camera_relay else (),
-        degree=0 if len(wavelengths) < 2 else 1 if len(wavelengths) < 4 else 2,
+        degree=_degree(wavelengths),
         pupil_nodes=(_PUPIL_NODES, _PUPIL_NODES) if has_camera_relay else (0, 0),
         sine1=_pupil_radius_na(captures, captures.relay1),
         sine2=_pupil_radius_na(captures, captures.relay2),
     )
+
+
+def _chain_layout(chain: System, wavelengths: Floats, pixels_per_node: int) -> MapLayout:
+    """The layout of the maps of a chain: a table for each element that shows patterns, its light, and two spaces."""
+    way, u = chain.way, chain.sampling.upsample
+    inner = [relay for relay in range(len(way.relays)) if relay != way.last and way.kernel(relay) is None]
+    first = inner[:1]
+
+    def sine(relay: int) -> float:
+        if way.relays[relay].has_aperture:
+            return max(way.relays[relay].pupil_radius_sine(float(λ), way.orders_m[relay]) for λ in wavelengths)
+        return _all_directions(way.sample_m, float(wavelengths.max()))
+
+    names = tuple(chain.drive_shapes)
+    return MapLayout(
+        modulators=len(names),
+        reference_m=float(wavelengths.mean()),
+        anchors_m=_anchors(wavelengths),
+        source_nodes=_source_node_counts([n // u for n in way.shape], pixels_per_node),
+        noll1=_NOLL_1 if first else (),
+        noll2=_NOLL_2,
+        degree=_degree(wavelengths),
+        pupil_nodes=(_PUPIL_NODES, _PUPIL_NODES),
+        sine1=sine(first[0]) if first else 1.0,
+        sine2=sine(way.last),
+        elements=names,
+        relays=(way.relay_words(first[0]) if first else "", way.relay_words(way.last)),
+    )
+
+
+def _degree(wavelengths: Floats) -> int:
+    """The degree of polynomials in the wavelength that so many wavelengths determine."""
+    return 0 if len(wavelengths) < 2 else 1 if len(wavelengths) < 4 else 2
 
 
 def _anchors(wavelengths: NDArray[np.float64]) -> tuple[float, ...]:
@@ -275,8 +313,8 @@ def _anchors(wavelengths: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(float(λ) for λ in np.linspace(wavelengths[0], wavelengths[-1], count))
 
 
-def _source_node_counts(captures: Captures, pixels_per_node: int) -> RowsColumns:
-    rows, columns = (max(3, math.ceil(n / pixels_per_node) + 1) for n in captures.levels.shape[2:])
+def _source_node_counts(shape: Sequence[int], pixels_per_node: int) -> RowsColumns:
+    rows, columns = (max(3, math.ceil(n / pixels_per_node) + 1) for n in shape)
     return rows, columns
 
 
@@ -288,8 +326,12 @@ def _pupil_radius_na(captures: Captures, relay: Relay) -> float:
     pitch_m = captures.slms[0].pitch_m
     if relay.has_aperture:
         return max(relay.pupil_radius_sine(float(λ), pitch_m) for λ in captures.wavelengths_m)
-    sample_m = pitch_m / captures.upsample
-    return min(1.0, math.sqrt(2) * float(captures.wavelength_m.max()) / (2 * sample_m))
+    return _all_directions(pitch_m / captures.upsample, float(captures.wavelength_m.max()))
+
+
+def _all_directions(sample_m: float, wavelength_m: float) -> float:
+    """Radius of the circle around all directions that samples of this pitch hold, a direction sine."""
+    return min(1.0, math.sqrt(2) * wavelength_m / (2 * sample_m))
 
 
 # --- training ---------------------------------------------------------------------------------------------------------
@@ -596,6 +638,7 @@ def captures_digest(captures: Captures) -> str:
         "focal_length": captures.focal_length_m,
         "relays": [stated_keys(relay) for relay in (captures.relay1, captures.relay2)],
     }
+    bench |= {} if captures.chain is None else {"chain": preset.dumps(captures.chain)}
     digest.update(json.dumps(bench, sort_keys=True).encode())
     return digest.hexdigest()
 

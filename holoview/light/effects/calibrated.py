@@ -27,6 +27,7 @@ class Calibrated(Effect):
     acts_on = ("source", "modulator 1", "relay 1", "modulator 2", "relay 2")
     order = 5  # the maps were learned with all other effects applied
     listed: ClassVar[bool] = False
+    on_all_elements = True
 
     def maps(self, v: Values) -> LearnedMaps:
         """The maps in the file. Raises UserError when it is missing or isn't a calibration."""
@@ -35,13 +36,20 @@ class Calibrated(Effect):
 
     def actual_system(self, system: System, v: Values) -> System:
         learned = self.maps(v)
+        elements = learned.layout.elements
+        if system.is_chain or elements:
+            shown = tuple(system.drive_shapes) if system.is_chain else ()
+            if shown != elements:
+                told, own = (", ".join(names) or "one or two equal phase modulators" for names in (elements, shown))
+                raise UserError(str(v["file"]), f"maps of {told}", expected=f"a bench of these, not of {own}")
+            return system
         count, known = len(system.modulators), learned.layout.modulators
         if count != known:
             raise UserError(str(v["file"]), f"maps of {known} modulators", expected=f"a bench of {known}, not {count}")
         return system
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        return self.maps(v).stroke_response(share, context.number)
+        return self.maps(v).stroke_response(share, context)
 
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         learned = self.maps(v)
@@ -49,6 +57,8 @@ class Calibrated(Effect):
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         learned = self.maps(v)
+        if context.element:
+            return transmission
         if context.number == 0:
             source = learned.source_field(context).to(transmission.dtype)
             return transmission * (source if transmission.shape == source.shape else context.sampled(source))

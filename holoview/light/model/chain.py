@@ -125,6 +125,11 @@ def focal_lengths_m(
 # --- the way of the light ---------------------------------------------------------------------------------------------
 
 
+def way_words(names: Sequence[str]) -> str:
+    """Words for a relay by the names of the elements that it is."""
+    return " and ".join(names) or "the way to the planes"
+
+
 @dataclass(frozen=True)
 class Modulate:
     """The light is multiplied by the transmission of a number; landmark: the name of its place, "" for none."""
@@ -188,7 +193,7 @@ class Way:
 
     def relay_words(self, relay: int) -> str:
         """Words for a relay: the elements that it is, by their names; its place in a short form."""
-        return " and ".join(self.relay_names[relay]) or "the way to the planes"
+        return way_words(self.relay_names[relay])
 
     def kernel(self, relay: int) -> Fourier | None:
         """The Fourier element whose kernel a relay is; None for free space."""

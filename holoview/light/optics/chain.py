@@ -176,7 +176,8 @@ class ChainTransmissions:
         """The context of the hooks on an element."""
         λ, laser = float(self._plan.system.wavelengths_m[wavelength]), self._laser_number(wavelength)
         size, stroke_m = round(element.pitch_m / self._plan.grid.pitch_m), getattr(element, "stroke_m", None) or 0.0
-        return ModulatorContext(0, λ, stroke_m, element.pitch_m, pixel_shape(element), size, laser)
+        own = (element.pitch_m, pixel_shape(element), size, laser)
+        return ModulatorContext(0, λ, stroke_m, *own, element=self.name_of(element))
 
     def _laser_number(self, wavelength: int) -> int:
         return laser_number(self._plan, wavelength) if self._laser is None else self._laser

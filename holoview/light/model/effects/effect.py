@@ -471,6 +471,8 @@ class Effect:
     element_kinds: kinds of elements on one of which it acts where `element` is stated (`OnElement`).
     element_id: its id there, where each place of a short form has its own effect.
     on_chain: kinds of elements of which a chain needs one so that the effect acts on it as a whole, without `element`.
+    on_all_elements: whether it acts on a chain's source, on each of its elements and on each space between them; hooks
+    are told which by `ModulatorContext.element` and `RelayContext.names`.
     instead: what describes its cause on a chain, where it doesn't itself; in words.
     element_finding: as `finding`, where it acts on one element, whose name is {element}; made of the cause if empty.
 
@@ -493,6 +495,7 @@ class Effect:
     element_kinds: ClassVar[tuple[str, ...]] = ()
     element_id: ClassVar[str] = ""
     on_chain: ClassVar[tuple[str, ...]] = ()
+    on_all_elements: ClassVar[bool] = False
     instead: ClassVar[str] = ""
     element_finding: ClassVar[str] = ""
 

@@ -67,6 +67,7 @@ class ModulatorContext:
     Maps have an entry for each pixel until an effect needs samples, which `sampled` makes.
 
     number: 0 for the first modulator.
+    element: of a chain, the name of the element; empty for the light before the first one, and of a short form.
     wavelength_m, stroke_m, pitch_m: with the effects on the system.
     shape: (rows, columns) of pixels.
     upsample: samples along each side of a pixel.
@@ -88,6 +89,7 @@ class ModulatorContext:
     centre_m: tuple[float, float] = (0.0, 0.0)
     first_shown: Tensor | None = None
     shown: Tensor | None = None
+    element: str = ""
 
     @property
     def whole_shape(self) -> tuple[int, int]:

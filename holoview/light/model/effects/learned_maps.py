@@ -8,6 +8,8 @@ The hyperspectral model of HoloChrome, with the fringing of its modulators, at a
     source         exp(a(λ) + 2πi·p(λ)/λ): maps on nodes at anchor wavelengths, linear in λ between them
     warp           modulator 2 is seen at r − d(r), where d is the thin-plate spline through displacements at nodes
                    (Duchon 1977; Bookstein, IEEE PAMI 11, 567 (1989))
+                   Of a chain every element that shows patterns has a table and fringing, and none a warp; the source is
+                   the light on its field, relay 1 the first space between its elements, relay 2 that to the planes.
     relay          exp(b(s) + 2πi·opd/λ), opd = Σ_jp c_jp·Z_j(s)·((λ − λ₀)/100 nm)^p over direction sines s = λu from
                    the centre of its stops.
                    A feature fixed in the optics shrinks in frequency as λ₀/λ.
@@ -30,6 +32,7 @@ from typing import Any
 import torch
 from torch.nn.functional import interpolate
 
+from holoview.light.model.chain import way_words
 from holoview.light.model.effects.hook_contexts import ModulatorContext, RelayContext
 from holoview.light.numerics.resample import centred_indices, interpolate_at
 from holoview.light.numerics.sampling import knot_interval
@@ -50,7 +53,7 @@ _LEAST_VARIANCE = 1e-6  # pixels²; a blur of a thousandth of a pixel changes no
 class MapLayout:
     """The maps of a calibration and their sizes. An empty tuple or (0, 0) means that there is no such map.
 
-    modulators: number of modulators.
+    modulators: number of modulators, of a chain of elements that show patterns.
     reference_m: the wavelength λ₀.
     anchors_m: wavelengths of the source's maps, rising.
     knots: of each response table.
@@ -59,6 +62,8 @@ class MapLayout:
     degree: of their polynomial in the wavelength.
     sine1, sine2: direction sine at the edge of each relay's aperture.
     fringing: whether fringing is learned.
+    elements: of a chain, the names of the elements that show patterns, in order; empty of a short form.
+    relays: of a chain, the names (`Way.relay_words`) of the spaces that are relay 1, "" without one, and relay 2.
     """
 
     modulators: int
@@ -74,11 +79,13 @@ class MapLayout:
     sine1: float = 1.0
     sine2: float = 1.0
     fringing: bool = True
+    elements: tuple[str, ...] = ()
+    relays: tuple[str, ...] = ()
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of every tensor; a size is 0 where there is no such map."""
         powers, anchors = self.degree + 1, len(self.anchors_m)
-        has_relay1 = self.modulators == 2
+        has_relay1 = self.relays[0] != "" if self.relays else self.modulators == 2
         return {
             "lut_steps": (self.modulators, self.knots - 1),
             "fringing_px2": (self.modulators,) if self.fringing else (0,),
@@ -92,8 +99,14 @@ class MapLayout:
         }
 
     def to_json(self) -> str:
-        """The layout as JSON."""
-        return json.dumps(dataclasses.asdict(self))
+        """The layout as JSON; of a short form as former versions read it."""
+        table = dataclasses.asdict(self)
+        own = {name: value for name, value in table.items() if value or name not in ("elements", "relays")}
+        return json.dumps(own)
+
+    def number_of(self, context: ModulatorContext) -> int:
+        """The index of the table and the fringing of a modulator."""
+        return self.elements.index(context.element) if self.elements else context.number
 
 
 class MapCache:
@@ -135,9 +148,9 @@ class LearnedMaps:
         steps = self.tensors["lut_steps"][modulator].exp() / (self.layout.knots - 1)
         return torch.cat([steps.new_zeros(1), steps.cumsum(dim=0)])
 
-    def stroke_response(self, share: Tensor, modulator: int) -> Tensor:
+    def stroke_response(self, share: Tensor, context: ModulatorContext) -> Tensor:
         """The fraction of the nominal stroke that pixels show for the fraction `share` that was sent."""
-        table = self.response_table(modulator).to(share.dtype)
+        table = self.response_table(self.layout.number_of(context)).to(share.dtype)
         index, fraction = knot_interval(share, self.layout.knots - 1)
         return table[index] * (1 - fraction) + table[index + 1] * fraction
 
@@ -147,7 +160,9 @@ class LearnedMaps:
         The variance is clamped from below, but its gradient passes: otherwise a step to a negative variance could never
         be undone.
         """
-        variance = self.tensors["fringing_px2"][context.number]
+        if self.layout.elements and context.element not in self.layout.elements:
+            return path_m  # of a mask
+        variance = self.tensors["fringing_px2"][self.layout.number_of(context)]
         clamped = variance + (variance.clamp_min(_LEAST_VARIANCE) - variance).detach()
         return context.blurred(path_m, clamped.to(path_m.dtype).sqrt())
 
@@ -222,7 +237,12 @@ class LearnedMaps:
         return interpolate_at(nodes, y, x).exp()
 
     def pupil(self, pupil: Tensor, context: RelayContext) -> Tensor:
-        """The complex pupil times the learned pupil of the relay."""
+        """The complex pupil times the learned pupil of the relay; of a chain unchanged where none was learned."""
+        if self.layout.relays:
+            own = way_words(context.names)
+            if own not in self.layout.relays:
+                return pupil
+            context = dataclasses.replace(context, relay=self.layout.relays.index(own))
 
         def make() -> Tensor:
             shape = (len(context.sine_y), context.sine_x.shape[1])
@@ -321,7 +341,12 @@ def map_sizes(layout: MapLayout) -> dict[str, int]:
 
 def _faults(layout: MapLayout) -> Iterator[tuple[str, str]]:
     """Each field of a layout that is out of range, with the range."""
-    if layout.modulators not in (1, 2):
+    if layout.elements:
+        if layout.modulators != len(layout.elements) or len({*layout.elements}) != layout.modulators:
+            yield "elements", f"{layout.modulators} names that differ"
+        if len(layout.relays) != 2 or not layout.relays[1]:
+            yield "relays", "names of two spaces"
+    elif layout.modulators not in (1, 2):
         yield "modulators", "1 or 2"
     low, high = _WAVELENGTHS_M
     if not low <= layout.reference_m <= high:

@@ -364,7 +364,7 @@ class ActiveEffects:
     def on_parts(self, parts: Iterable[str], *hooks: str) -> list[ActivePair]:
         """The pairs with one of the hooks that act on one of some parts: places, or elements of a chain."""
         wanted = set(parts)
-        return [pair for pair in self.with_hooks(*hooks) if wanted & set(pair[0].acts_on)]
+        return [(e, v) for e, v in self.with_hooks(*hooks) if e.on_all_elements or wanted & set(e.acts_on)]
 
     def cache_key(self, *hooks: str, acts_on: str = "", laser: int | None = None) -> tuple[Any, ...]:
         """A hashable key of all that the hooks' results depend on: equal for equal effects and values.
@@ -372,7 +372,7 @@ class ActiveEffects:
         acts_on: restricts it to effects of one part, such as "modulator 1". laser: restricts it to what matters while
         this laser is on, 0 for the shortest wavelength.
         """
-        pairs = [pair for pair in self.with_hooks(*hooks) if not acts_on or acts_on in pair[0].acts_on]
+        pairs = self.on_parts((acts_on,), *hooks) if acts_on else self.with_hooks(*hooks)
         keys = [
             (effect.id, v.cache_key if laser is None else call_hook(effect, "cache_values", v, laser))
             for effect, v in pairs
@@ -515,6 +515,8 @@ def _unmet_by_chain(effect: Effect, bench: DataProperties) -> str:
             return f'acts on "{effect.element}", and this chain has {", ".join(kinds)}'
         if kinds[effect.element] not in effect.element_kinds:
             return f'acts on {effect.kinds_in_words}, and "{effect.element}" is one of kind {kinds[effect.element]}'
+        return ""
+    if effect.on_all_elements:
         return ""
     if effect.element_kinds:
         fitting = [name for name, kind in kinds.items() if kind in effect.element_kinds]
