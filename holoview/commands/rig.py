@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from holoview.bench.calibrate.lut_fit import fit_labelled, known_labels
 from holoview.bench.calibrate.lut_table import format_lut, levels_of_phases, lut_table, save_lut, verify_turn
@@ -25,13 +26,14 @@ from holoview.bench.rig.align import (
     sentences,
 )
 from holoview.bench.rig.camera_pictures import SettlingTime, measure_settling, share_deviation, take_exposed
-from holoview.bench.rig.description import with_settle
+from holoview.bench.rig.description import virtual_rig_of, with_settle
 from holoview.bench.rig.devices import Counts, Devices, limit_devices
 from holoview.bench.rig.registration import register_devices, registration_path, write_registration
 from holoview.bench.rig.signal_check import SignalCheck, check_signals, signal_lines
 from holoview.commands.arguments import whole
 from holoview.commands.console import EXIT_FAILED, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output, add_output_folder, hold_outputs
+from holoview.light.model import preset
 from holoview.light.model.effects.registry import EffectTable
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -52,6 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     new = commands.add_parser("new", help="a virtual rig to start from", description=_new.__doc__)
     add_output_folder(new, "folder", metavar="FOLDER", help="where rig.toml is written")
+    add_input(new, "--preset", help="a chain of elements, a preset's name or a TOML file (default: two modulators)")
     new.set_defaults(run=_new)
     for name, summary, run_it in (
         ("show", "what the description says", _show),
@@ -108,14 +111,21 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _new(args: argparse.Namespace) -> int:
-    """Writes rig.toml of a small virtual rig, and hidden.toml with what is really there; overwrites nothing."""
-    for file in sorted(data_dir("assets").joinpath("rig").glob("*.toml")):
-        target = args.folder / file.name
-        if target.exists():
-            raise UserError(str(target), "is there already", remedy="choose another folder")
+    """Writes rig.toml of a small virtual rig, or of one around a chain of elements, and hidden.toml with what is really
+    there; overwrites nothing."""
+    if args.preset is None:
+        files = {file.name: file.read_bytes() for file in sorted(data_dir("assets").joinpath("rig").glob("*.toml"))}
+    else:
+        chain = preset.load(args.preset)
+        tables, hidden = virtual_rig_of(chain, "chain.toml"), "# What is really there on the virtual rig.\nseed = 5\n"
+        texts = {"chain.toml": preset.dumps(chain), "hidden.toml": hidden, "rig.toml": tomli_w.dumps(tables)}
+        files = {name: text.encode("utf-8") for name, text in texts.items()}
+    for name in files:
+        if (args.folder / name).exists():
+            raise UserError(str(args.folder / name), "is there already", remedy="choose another folder")
     make_folder(args.folder)
-    for file in sorted(data_dir("assets").joinpath("rig").glob("*.toml")):
-        write_file(args.folder / file.name, file.read_bytes())
+    for name, content in files.items():
+        write_file(args.folder / name, content)
     print(args.folder / "rig.toml")
     return 0
 
@@ -126,11 +136,12 @@ def _show(args: argparse.Namespace) -> int:
     described = rig.as_described
     camera, limits = described.bench.camera, described.limits
     bench = "near field" if described.bench.focal_length_m is None else "Fourier bench"
+    bench = bench if described.bench.chain is None else f"chain of elements, {described.bench.chain.name}"
     print(f"{rig.name}: {bench}, {len(rig.bench.slms)} modulator{'s' if len(rig.bench.slms) > 1 else ''}")
     for name, spec in rig.devices.items():
         print(f"  {name}: {spec.kind}")
-    rows, columns = described.slm_shape
-    print(f"  modulators of {rows} × {columns} pixels of {_um(described.bench.slms[0].pitch_m)}")
+    for words, (rows, columns), pitch_m in _modulators(described):
+        print(f"  {words} of {rows} × {columns} pixels of {_um(pitch_m)}")
     rows, columns = described.camera_shape
     print(f"  camera of {rows} × {columns} pixels of {_um(camera.pitch_m)}, {camera.bit_depth} bits")
     print(f"  lasers of {', '.join(f'{λ * 1e9:g}' for λ in rig.wavelengths_m)} nm, power up to {limits.power:g}")
@@ -141,6 +152,14 @@ def _show(args: argparse.Namespace) -> int:
     for sentence in () if rig.registration is None else sentences(rig.registration):
         print(f"  {sentence}")
     return 0
+
+
+def _modulators(rig: RigDescription) -> list[tuple[str, tuple[int, int], float]]:
+    """Words, shape and pitch (m) of the modulators: of one or two alike together, of a chain each by its name."""
+    if rig.bench.chain is None:
+        return [("modulators", rig.slm_shape, rig.bench.slms[0].pitch_m)]
+    pitches_m = [slm.pitch_m for slm in rig.bench.slms]
+    return list(zip(rig.modulator_names, rig.slm_shapes, pitches_m, strict=True))
 
 
 def _test(args: argparse.Namespace) -> int:
@@ -171,11 +190,10 @@ def _read(args: argparse.Namespace) -> RigDescription:
 
 
 def _lit_picture(rig: RigDescription, devices: Devices, place_m: float) -> tuple[Counts, float]:
-    """A picture of flat modulators at a place of the stage, and its exposure time (s)."""
+    """A picture of flat, transparent modulators at a place of the stage, and its exposure time (s)."""
     devices.stage.move_to(place_m)
     devices.lasers.switch_on(laser_for_alignment(rig), min(rig.limits.power, 1.0))
-    for modulator in devices.modulators:
-        modulator.show(np.zeros(modulator.shape, np.uint8))
+    devices.show(rig.clear_levels)
     devices.clock.wait(max(modulator.settle_s for modulator in devices.modulators))
     return take_exposed(devices.camera, rig.bench.camera, _FIRST_EXPOSURE_S)
 
@@ -183,6 +201,7 @@ def _lit_picture(rig: RigDescription, devices: Devices, place_m: float) -> tuple
 def _align(args: argparse.Namespace) -> int:
     """Finds orientation and place of modulators, camera and planes, from dots; writes RIG.placement.toml."""
     rig = read_rig(args.rig, is_registered=False)
+    rig.require_short_form("alignment by dots")
     output = registration_path(rig.path)
     check_writable(output)
     hold_outputs(args, [output])
@@ -223,12 +242,12 @@ def _settling(args: argparse.Namespace) -> int:
         light = _lit_picture(rig, devices, near if rig.bench.focal_length_m else (near + far) / 2)
         facts, levels = rig.bench.camera, rig.random_levels(np.random.default_rng(0), _SETTLING_BLUR_PX)
         for number, modulator in enumerate(devices.modulators):
-            name = f"slm{number + 1}"
-            for other, own in zip(devices.modulators, levels, strict=True):
-                other.show(own)
+            name, (rows, columns) = rig.modulator_names[number], rig.slm_shapes[number]
+            devices.show(levels)
             devices.clock.wait(devices.settle_s)
             devices.camera.set_exposure(light[1])
-            seen_by = modulator, devices.camera, facts, devices.clock, levels[number], rig.bench.slms[number].num_levels
+            sent, num_levels = levels[number, :rows, :columns], rig.bench.slms[number].num_levels
+            seen_by = modulator, devices.camera, facts, devices.clock, sent, num_levels
             if share_deviation(*seen_by) > _LARGEST_DEVIATION:
                 found_is = "pictures hardly change with the pattern"
                 remedy = "more light, or [limits] that let the stage go where the pattern shows"
@@ -260,6 +279,7 @@ def _lut(args: argparse.Namespace) -> int:
     """Sweeps the grey level of binary gratings, reads their orders with the camera, and fits the look-up table as
     `holoview calibrate lut` does. What was measured is kept, and the same command goes on."""
     rig = _read(args)
+    rig.require_short_form("a look-up table by gratings")
     plan = _lut_plan(args, rig)
     table, through_table = args.output.with_suffix(".sweep.csv"), args.output.with_suffix(".verify.csv")
     check_writable(table)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from holoview.bench.calibrate.train import CalibrationModel, captures_digest, ma
 from holoview.bench.captures import write_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.commands.cli import main
 from holoview.light.model import preset
 from holoview.light.model.effects.hook_contexts import ModulatorContext
 from holoview.light.model.effects.learned_maps import LearnedMaps, MapLayout, read_calibration, write_calibration
@@ -27,7 +27,7 @@ from holoview.util.errors import UserError
 PHASE = {"kind": "phase", "pitch": "8 um", "shape": [24, 32], "stroke": "825 nm", "levels": 16}
 SPACE = {"kind": "space", "distance": "1 mm", "iris_na": 0.03}
 COARSE = {"kind": "amplitude", "name": "coarse", "pitch": "16 um", "shape": [12, 16], "levels": 16}
-FLAT = {"kind": "mask", "pitch": "8 um", "shape": [24, 32], "pattern": "random", "stroke": 0.0}
+FLAT = {"kind": "lens", "focal_length": "1000 m"}
 LAST = {"kind": "space", "iris_na": 0.03, "name": "to the planes"}
 HIDDEN: dict[str, dict[str, float]] = {
     "lut@phase": {"gamma": 1.25},
@@ -64,7 +64,7 @@ def _drawn(layout: MapLayout) -> dict[str, torch.Tensor]:
 
 
 def test_maps_of_a_chain_act_as_those_of_the_short_form() -> None:
-    """A mask that changes nothing makes a chain of one modulator: their tables, fringing and pupils are the same."""
+    """A lens that changes next to nothing, 2e-4 rad at the corners, makes a chain of one modulator."""
     settings = AcquisitionSettings(captures_per_condition=1)
     short, chain = (make_captures(_chain(*e, LAST), {}, settings) for e in ([PHASE], [PHASE, FLAT]))
     assert short.chain is None and chain.chain is not None and np.array_equal(short.levels, chain.levels)
@@ -75,17 +75,19 @@ def test_maps_of_a_chain_act_as_those_of_the_short_form() -> None:
         assert layout.pupil_nodes == (17, 17) and layout.sine2 == pytest.approx(0.03)
         model = CalibrationModel(one, layout, {}, double_precision=True)
         model.set_maps(_drawn(layout))
-        found += [model.predict([0, 1, 2]), model.predict_nominal([0, 1, 2])]
+        # exposures, which follow from what the bench shows, may differ
+        seconds = torch.from_numpy(one.exposure_s)[:, None, None]
+        found += [light / seconds for light in (model.predict([0, 1, 2]), model.predict_nominal([0, 1, 2]))]
     assert map_layout_for(short, every).shapes() == map_layout_for(chain, every).shapes()
     assert float((found[0] - found[1]).norm() / found[1].norm()) > 0.05  # they change the light
     for a, b in zip(found[:2], found[2:], strict=True):
-        assert float((a - b).norm() / a.norm()) < 1e-9  # complex128, of some transforms each
+        assert float((a - b).norm() / a.norm()) < 5e-4
 
 
 @pytest.mark.parametrize("element", ["phase", "coarse"])
 def test_each_table_and_space_changes_the_light_alone(captures: Captures, element: str) -> None:
     layout = map_layout_for(captures, np.arange(len(captures)))
-    assert layout.elements == ("phase", "coarse") and layout.relays == ("space", "to the planes")
+    assert layout.elements == ("phase", "coarse") and layout.relays == ("space1", "to the planes")
     model, zeros = CalibrationModel(captures, layout, {}, double_precision=True), LearnedMaps.nominal(layout).tensors
     steps = zeros["lut_steps"].clone()
     steps[layout.elements.index(element)] = torch.linspace(-0.3, 0.3, 15)
@@ -121,13 +123,18 @@ def test_gradients_are_what_differences_approach(captures: Captures, name: str) 
 
 
 def test_a_calibration_learns_tables_and_light_and_its_preset_shows_them(
-    holoview: Callable[..., Any], captures: Captures, file: Path, tmp_path: Path
+    captures: Captures,
+    file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    options = ("--epochs", 60, "--batch", 2, "--pictures", "seen", "--json")
-    done = holoview("calibrate", file, "-o", "c.toml", *options)
-    assert done.code == 0, done.err
-    assert "to the planes and the camera can't be told apart" in done.err
-    scores = {row["group"]: row for row in json.loads(done.out)["scores"] if row["wavelength_nm"] is None}
+    monkeypatch.chdir(tmp_path)
+    options = ("--epochs", "60", "--batch", "2", "--pictures", "seen", "--json")
+    assert main(["calibrate", str(file), "-o", "c.toml", *options]) == 0
+    told = capsys.readouterr()
+    assert "to the planes and the camera can't be told apart" in told.err
+    scores = {row["group"]: row for row in json.loads(told.out)["scores"] if row["wavelength_nm"] is None}
     before, after = (scores["captures"][when]["chi2_per_pixel"] for when in ("before", "after"))
     assert after < before / 5
     assert {path.name for path in (tmp_path / "seen").iterdir()} == {
@@ -139,12 +146,14 @@ def test_a_calibration_learns_tables_and_light_and_its_preset_shows_them(
     learned = read_calibration(tmp_path / "c.safetensors").maps
     share = torch.linspace(0, 1, 16)
     for index, gamma in ((0, 1.25), (1, 1.4)):
-        error = (learned.response_table(index) / learned.response_table(index)[-1] - share**gamma).square().mean().sqrt()
+        error = (
+            (learned.response_table(index) / learned.response_table(index)[-1] - share**gamma).square().mean().sqrt()
+        )
         assert float(error) < 0.5 * float((share - share**gamma).square().mean().sqrt())
     system = preset.load(tmp_path / "c.toml")
     assert system.is_chain and system.effect_values["calibrated"]["file"] == str(tmp_path / "c.safetensors")
-    assert holoview("render", "c.toml", "--random", 1, "--backend", "torch", "-o", "c.png").code == 0
-    assert holoview("info", "c.toml").code == 0
+    assert main(["render", "c.toml", "--random", "1", "--backend", "torch", "-o", "c.png"]) == 0
+    assert main(["info", "c.toml"]) == 0
 
 
 def test_the_calibrated_bench_is_the_same_for_the_simulation_and_the_predictor(
@@ -160,9 +169,9 @@ def test_the_calibrated_bench_is_the_same_for_the_simulation_and_the_predictor(
     number = int(np.flatnonzero(captures.wavelength_m == chain.wavelengths_m[1])[0])
     bench = chain.edit({"amplitudes": [[0.0, 1.0, 0.0]], "effects.calibrated.file": str(tmp_path / "maps.safetensors")})
     drive = {name: own[None] for name, own in captures.patterns(captures.drive(number)).items()}
-    seen = hv.simulate(bench, drive, planes=["3 mm"], backend="torch64").intensity[0]
+    seen = hv.simulate(bench, drive, planes=["3 mm"], backend="torch64").intensity
     found = model.predict([number])[0].numpy()
-    shown = np.asarray(seen).reshape(found.shape)
+    shown = np.asarray(seen).reshape(-1, *found.shape).sum(axis=0)  # the other lasers are off
     # a camera pixel of the sample's size that has the light at its middle: the samples themselves
     assert np.linalg.norm(found / found.sum() - shown / shown.sum()) < 1e-6 * np.linalg.norm(shown / shown.sum())
 
@@ -170,9 +179,9 @@ def test_the_calibrated_bench_is_the_same_for_the_simulation_and_the_predictor(
 @pytest.mark.parametrize(
     ("edits", "said"),
     [
-        ({"elements.space.distance": "2 mm"}, "elements.space.distance"),
+        ({"elements.space1.distance": "2 mm"}, "elements.space1.distance"),
         ({"elements.coarse.shape": [10, 16]}, "elements.coarse.shape"),
-        ({"elements.space.iris_na": 0.02}, "elements.space.iris_na"),
+        ({"elements.space1.iris_na": 0.02}, "elements.space1.iris_na"),
     ],
 )
 def test_a_preset_of_another_chain_is_refused_by_the_element(
@@ -201,7 +210,7 @@ def test_maps_of_other_elements_are_refused(captures: Captures, tmp_path: Path) 
 def test_captures_of_other_distances_have_another_digest(captures: Captures) -> None:
     chain = captures.chain
     assert chain is not None
-    other = dataclasses.replace(captures, chain=chain.edit({"elements.space.distance": "2 mm"}))
+    other = dataclasses.replace(captures, chain=chain.edit({"elements.space1.distance": "2 mm"}))
     assert captures_digest(captures) != captures_digest(other)
 
 
@@ -210,7 +219,7 @@ def test_a_layout_with_wrong_names_is_refused(captures: Captures, tmp_path: Path
     for wrong in (
         dataclasses.replace(layout, elements=("phase", "phase")),
         dataclasses.replace(layout, modulators=3),
-        dataclasses.replace(layout, relays=("space",)),
+        dataclasses.replace(layout, relays=("space1",)),
     ):
         zeros = LearnedMaps.nominal(layout).tensors
         write_calibration(tmp_path / "maps.safetensors", LearnedMaps(wrong, zeros), {})

@@ -136,7 +136,6 @@ def test_a_film_of_a_chain_begins_each_picture_with_the_last(holoview: Callable[
 
 
 REFUSING = {
-    "a rig": ("rig", "new", "rig.toml", "--preset", "chain.toml"),
     "captures of a Fourier bench": ("captures", "make", "chain.toml", "--focal-length", "0.1m", "-o", "captures.h5"),
     "a study": ("study", "hologram", "chain.safetensors", "-o", "study"),
     "patterns from pictures": ("render", "chain.toml", "--slm1", "picture.png"),

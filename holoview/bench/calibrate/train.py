@@ -631,7 +631,7 @@ def captures_digest(captures: Captures) -> str:
     camera = dataclasses.asdict(captures.camera)
     if camera["integrates"] is None:  # not stated, as in all files of former versions
         del camera["integrates"]
-    bench = {
+    bench: dict[str, Any] = {
         "slms": [dataclasses.asdict(slm) for slm in captures.slms],
         "camera": camera,
         "gap": captures.gap_m,

@@ -214,6 +214,13 @@ class Captures:
         return len(self.levels)
 
     @property
+    def slm_names(self) -> tuple[str, ...]:
+        """The modulators in words: modulator 1 and modulator 2, of a chain the names of its elements."""
+        if self.chain is not None:
+            return tuple(self.chain.drive_shapes)
+        return tuple(f"modulator {number + 1}" for number in range(len(self.slms)))
+
+    @property
     def first_pixel(self) -> tuple[int, int]:
         """Row and column of the first modulator pixel, counted in the whole modulator."""
         shape = (self.levels.shape[2], self.levels.shape[3])

@@ -20,8 +20,10 @@ from typing import Any
 import numpy as np
 
 from holoview.bench.captures.dataset import Camera, SlmSpec
-from holoview.light.model.bench_parts import Relay
+from holoview.light.model.bench_parts import Relay, Source
+from holoview.light.model.elements import ComplexModulator, Mask, Pixels
 from holoview.light.model.fields import FieldType, Number, Truth, fields_by_key, to_mapping
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.tables import check_keys, read_table
 
@@ -116,7 +118,10 @@ MAY_BE_UNKNOWN = ("electrons_per_count", "read_noise", "black_level")
 
 @dataclass(frozen=True)
 class BenchTables:
-    """The nominal bench that the tables describe; the fields are those of `Captures`."""
+    """The nominal bench that the tables describe; the fields are those of `Captures`.
+
+    `bench.toml` has no chain of elements; of a rig it is a preset beside the tables.
+    """
 
     slms: tuple[SlmSpec, ...]
     camera: Camera
@@ -124,6 +129,7 @@ class BenchTables:
     relay1: Relay
     relay2: Relay
     focal_length_m: float | None
+    chain: System | None = None
 
     def as_fields(self) -> dict[str, Any]:
         """The fields of `Captures` that are the bench's."""
@@ -136,16 +142,7 @@ def parse_bench_tables(tables: Mapping[str, Any], where: str) -> BenchTables:
     Raises UserError where a table or key is unknown, missing or wrong.
     """
     check_keys(tables, KEYS, f"{where}: ", noun="table")
-    bench: dict[str, dict[str, Any]] = {}
-    for name in dict.fromkeys(("slm1", "camera", *tables)):
-        table = tables.get(name, {})
-        if not isinstance(table, Mapping):
-            raise UserError(f"{where}: {name}", f"{table!r}", expected=f"a table [{name}]")
-        unknown = [k for k in MAY_BE_UNKNOWN if name == "camera" and table.get(k) == "unknown"]
-        required = () if name == "geometry" else [key for key in KEYS[name] if key not in (*unknown, *_MAY_BE_ABSENT)]
-        stated = {key: value for key, value in table.items() if key not in unknown}
-        bench[name] = read_table(stated, KEYS[name], f"{where}: {name}.", required=required)
-        bench[name] |= dict.fromkeys(unknown, math.nan)
+    bench = {name: _table_values(tables, name, where) for name in dict.fromkeys(("slm1", "camera", *tables))}
     geometry, place = bench.get("geometry", {}), f"{where}: geometry."
     return BenchTables(
         slms=tuple(slm_from_attributes(bench[name]) for name in ("slm1", "slm2") if name in bench),
@@ -155,6 +152,24 @@ def parse_bench_tables(tables: Mapping[str, Any], where: str) -> BenchTables:
         relay2=stops_from_attributes(geometry, 2, place),
         focal_length_m=geometry.get("focal_length"),
     )
+
+
+def chain_tables(chain: System, slms: tuple[SlmSpec, ...], camera: Mapping[str, Any], where: str) -> BenchTables:
+    """The bench of a chain of elements, and of the table of a camera. Raises UserError as `parse_bench_tables`."""
+    values = _table_values({"camera": camera}, "camera", where)
+    return BenchTables(slms, camera_from_attributes(values), None, Relay(), Relay(), None, chain)
+
+
+def _table_values(tables: Mapping[str, Any], name: str, where: str) -> dict[str, Any]:
+    """The values of one table. Raises UserError where a key is unknown, missing or wrong."""
+    table = tables.get(name, {})
+    if not isinstance(table, Mapping):
+        raise UserError(f"{where}: {name}", f"{table!r}", expected=f"a table [{name}]")
+    unknown = [k for k in MAY_BE_UNKNOWN if name == "camera" and table.get(k) == "unknown"]
+    required = () if name == "geometry" else [key for key in KEYS[name] if key not in (*unknown, *_MAY_BE_ABSENT)]
+    stated = {key: value for key, value in table.items() if key not in unknown}
+    values = read_table(stated, KEYS[name], f"{where}: {name}.", required=required)
+    return values | dict.fromkeys(unknown, math.nan)
 
 
 def slm_from_attributes(attributes: Mapping[str, float]) -> SlmSpec:
@@ -172,3 +187,37 @@ def camera_from_attributes(attributes: Mapping[str, float]) -> Camera:
         black_level=attributes["black_level"],
         integrates=None if attributes.get("integrates") is None else bool(attributes["integrates"]),
     )
+
+
+# --- a system as the nominal bench of captures -----------------------------------------------------------------------
+
+_DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
+
+
+def slm_of(element: Pixels) -> SlmSpec:
+    """What captures state of an element that shows patterns; the path of full drive is 0 for an amplitude."""
+    levels = getattr(element, "levels", None)
+    count = _DEFAULT_NUM_LEVELS if levels is None else len(levels)
+    return SlmSpec(element.pitch_m, count, getattr(element, "stroke_m", 0.0))
+
+
+def check_nominal(system: System) -> None:
+    """Raises UserError unless a capture file can hold a system as the nominal bench."""
+    remedy = "use a preset without it; `--effects` can add it as what is really there"
+    if system.is_field:
+        raise UserError("modulators", "a field", expected="modulators, whose patterns are sent", remedy=remedy)
+    for name in ("relay1", "relay2"):
+        if not has_only_stops(getattr(system, name)):
+            expected = "a nominal relay with an iris and a square stop only"
+            raise UserError(name, "has more than stops", expected=expected, remedy=remedy)
+    if system.source != Source():
+        raise UserError("source", "isn't a single wave on the axis", expected="one plane wave", remedy=remedy)
+    for element in system.elements:
+        levels = getattr(element, "levels", None)
+        if levels is not None and not np.array_equal(levels, np.linspace(0, 1, len(levels))):
+            raise UserError("levels", "aren't equal steps", expected="equal steps of the stroke", remedy=remedy)
+        if isinstance(element, ComplexModulator):
+            expected = "phase and amplitude modulators, whose levels a capture file holds"
+            raise UserError("elements", "a complex modulator", expected=expected)
+        if isinstance(element, Mask) and element.file:
+            raise UserError("elements", "a mask from a file, which a capture file can't hold", expected="a named mask")

@@ -318,7 +318,6 @@ def capture_sheet(captures: Captures, max_captures: int = 12) -> NDArray[np.uint
     """
     chosen = np.unique(np.linspace(0, len(captures) - 1, max_captures).round().astype(int))
     chain = captures.chain
-    names = [f"modulator {n + 1}" for n in range(len(captures.slms))] if chain is None else list(chain.drive_shapes)
     rows = []
     for k in chosen:
         λ, z = captures.wavelength_m[k] * 1e9, captures.distance_m[k] * 1e3
@@ -327,7 +326,7 @@ def capture_sheet(captures: Captures, max_captures: int = 12) -> NDArray[np.uint
         shown = drives if chain is None else captures.patterns(drives).values()
         patterns = [CaptionedTile(greyscale_pixels(drive), "") for drive in shown]
         rows.append([*patterns, CaptionedTile(_camera_pixels(captures, int(k)), caption)])
-    return contact_sheet(f"{len(captures)} captures", [*names, "camera"], rows, width=_TILE_WIDTH_PX)
+    return contact_sheet(f"{len(captures)} captures", [*captures.slm_names, "camera"], rows, width=_TILE_WIDTH_PX)
 
 
 def _camera_pixels(captures: Captures, k: int) -> NDArray[np.uint8]:

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.bench.captures.dataset import Camera, Captures, SlmSpec
-from holoview.bench.captures.nominal_bench import has_only_stops
+from holoview.bench.captures.dataset import Camera, Captures
+from holoview.bench.captures.nominal_bench import check_nominal, slm_of
 from holoview.bench.captures.patterns import BLUR_SIGMAS_PX, random_levels
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.validation import check_captures
-from holoview.light.model.bench_parts import Relay, Source
+from holoview.light.model.bench_parts import Relay
 from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import EffectValues
-from holoview.light.model.elements import ComplexModulator, Mask, Pixels
+from holoview.light.model.elements import Pixels
 from holoview.light.model.fields import (
     Integer,
     Maybe,
@@ -40,7 +40,6 @@ from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
-_DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
 _BRIGHT_QUANTILE, _TARGET_EXPOSURE = 0.999, 0.8  # this quantile of the pixels is exposed to this fraction of full scale
 _MIN_EXPOSURE_S, _MAX_EXPOSURE_S = 1e-5, 10.0
 _LEVEL_BYTES, _IMAGE_BYTES = 6, 5  # of a pixel of a pattern and of a picture: themselves, and while they are checked
@@ -202,13 +201,6 @@ def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random
     )
 
 
-def slm_of(element: Pixels) -> SlmSpec:
-    """What captures state of an element that shows patterns; the path of full drive is 0 for an amplitude."""
-    levels = getattr(element, "levels", None)
-    count = _DEFAULT_NUM_LEVELS if levels is None else len(levels)
-    return SlmSpec(element.pitch_m, count, getattr(element, "stroke_m", 0.0))
-
-
 def _within(shape: tuple[int, int], levels: NDArray[np.unsignedinteger]) -> NDArray[np.unsignedinteger]:
     """Levels (rows, columns) in the first rows and columns of a larger array of zeros."""
     return np.pad(levels, [(0, n - own) for n, own in zip(shape, levels.shape, strict=True)])
@@ -275,24 +267,7 @@ def _planes(system: System, settings: AcquisitionSettings) -> NDArray[np.float64
 
 def _check_nominal(system: System, settings: AcquisitionSettings) -> None:
     """Raises UserError unless a capture file can hold the bench's nominal geometry."""
-    remedy = "use a preset without it; `--effects` can add it as what is really there"
-    if system.is_field:
-        raise UserError("modulators", "a field", expected="modulators, whose patterns are sent", remedy=remedy)
-    for name in ("relay1", "relay2"):
-        if not has_only_stops(getattr(system, name)):
-            expected = "a nominal relay with an iris and a square stop only"
-            raise UserError(name, "has more than stops", expected=expected, remedy=remedy)
-    if system.source != Source():
-        raise UserError("source", "isn't a single wave on the axis", expected="one plane wave", remedy=remedy)
-    for element in system.elements:
-        levels = getattr(element, "levels", None)
-        if levels is not None and not np.array_equal(levels, np.linspace(0, 1, len(levels))):
-            raise UserError("levels", "aren't equal steps", expected="equal steps of the stroke", remedy=remedy)
-        if isinstance(element, ComplexModulator):
-            expected = "phase and amplitude modulators, whose levels a capture file holds"
-            raise UserError("elements", "a complex modulator", expected=expected)
-        if isinstance(element, Mask) and element.file:
-            raise UserError("elements", "a mask from a file, which a capture file can't hold", expected="a named mask")
+    check_nominal(system)
     if settings.focal_length_m is not None and system.is_chain:
         found = "with a chain of elements"
         raise UserError("focal length", found, expected="one modulator", remedy="a chain has elements of kind fourier")

@@ -105,7 +105,7 @@ def find_geometry(
 
 def laser_for_alignment(rig: RigDescription) -> float:
     """The longest wavelength of which the modulators reach a whole wave; the shortest one where there is none."""
-    stroke = min(slm.opd_range_m for slm in rig.bench.slms)
+    stroke = min(slm.opd_range_m for slm in rig.bench.slms if slm.opd_range_m or rig.bench.chain is None)
     return max((λ for λ in rig.wavelengths_m if λ <= stroke), default=rig.wavelengths_m[0])
 
 

@@ -47,7 +47,6 @@ _DARK = (
     ArraySchema("dark/pictures", ("int64",), ("dark frame",)),
 )
 _SETTLING = ("constant", "deviation", "wait")
-_MODULATORS = ("slm1", "slm2")
 
 
 class CaptureFolder:
@@ -259,10 +258,11 @@ def read_bench_record(path: Path) -> BenchRecord:
     Raises UserError for a file that is damaged, isn't HDF5, or holds something else in its place.
     """
     with open_plain_hdf5(path, "what was measured of a bench (HDF5)", "remove it; it is measured again") as h5:
-        notes = read_attribute(h5, "notes")
+        notes, group = read_attribute(h5, "notes"), plain_child(h5, "settling")
+        names = tuple(group) if isinstance(group, h5py.Group) else ()
         return BenchRecord(
             dark=_read_dark(h5),
-            settling={name: found for name in _MODULATORS if (found := _read_settling(h5, name)) is not None},
+            settling={name: found for name in names if (found := _read_settling(h5, name)) is not None},
             notes=() if notes is None else tuple(str(note) for note in np.atleast_1d(notes)),
         )
 

@@ -266,7 +266,7 @@ def _bench_s(rig: RigDescription, requests: Sequence[CaptureRequest]) -> float:
     if not requests:
         return 0.0
     devices = rig.devices
-    settle_s = max(float(devices[name].options.get("settle", 0.0)) for name in ("slm1", "slm2") if name in devices)
+    settle_s = max(float(devices[name].options.get("settle", 0.0)) for name in rig.modulator_names)
     moves = 1 + sum(a.distance_m != b.distance_m for a, b in itertools.pairwise(requests))
     total_s = _MOVE_S * moves + 3 * DARK_PICTURES * (_EXPOSURE_S + _READOUT_S)
     total_s += _SETTLING_S * sum(spec.measures_settling for spec in devices.values())

@@ -29,6 +29,14 @@ rig.toml has the tables of `bench.toml` (`captures.nominal_bench`) with the devi
     [geometry]
     gap = "1 mm"
 
+The rig of a chain of elements names a preset, and has a table of each element that shows patterns, by its name, in
+place of [slm1], [slm2] and [geometry]; its shape, pitch and levels are the preset's:
+
+    chain = "chain.toml"            # beside rig.toml, or the name of a preset
+    [coarse]
+    device = "virtual"
+    num_levels = 256                # default; of an element whose preset states no levels
+
 `holoview rig align` writes the places of camera and modulators beside it (`registration`); they are read with it.
 """
 
@@ -37,7 +45,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,12 +54,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.captures.nominal_bench import KEYS, BenchTables, parse_bench_tables
+from holoview.bench.captures.nominal_bench import (
+    KEYS,
+    BenchTables,
+    chain_tables,
+    check_nominal,
+    parse_bench_tables,
+    slm_of,
+)
 from holoview.bench.captures.patterns import random_levels
 from holoview.bench.captures.validation import check_settings
 from holoview.bench.rig.devices import Counts, Levels, SafetyLimits
 from holoview.bench.rig.registration import Registration, read_registration, registration_path
-from holoview.light.model.fields import Array, Number
+from holoview.light.model import preset
+from holoview.light.model.elements import AmplitudeModulator
+from holoview.light.model.fields import Array, Integer, Number
+from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.files import read_text
@@ -59,8 +77,8 @@ from holoview.util.tables import ValueType, check_keys, parse_toml, read_table
 
 _EXPECTED = "a description of a rig in TOML"
 _LONG_SETTLE_S = 0.5  # longer than most liquid crystals need
-_DEVICES = ("slm1", "slm2", "camera", "lasers", "stage")
-_TABLES = ("limits", "geometry", "virtual", *_DEVICES)
+_SLMS, _DEVICES = ("slm1", "slm2"), ("camera", "lasers", "stage")
+_TABLES = ("limits", "virtual", *_DEVICES)
 
 
 class _Positive:
@@ -127,6 +145,8 @@ _FACTS: dict[str, dict[str, ValueType]] = {
     "stage": {"range": _LENGTHS},
 }
 """Types of the facts of each device, beside those of the bench; all are required."""
+_ELEMENT_FACTS: dict[str, ValueType] = {"num_levels": Integer(2, 65536)}
+"""Types of the facts of an element of a chain; none is required."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +166,8 @@ class DeviceSpec:
 class RigDescription:
     """A rig. All lengths in m, times in s.
 
-    path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns.
+    path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns; of a chain, whose elements
+    have shapes of their own (`slm_shapes`), the most of each.
     wavelengths_m: of the lasers, ascending. stage_m: the reach of the stage.
     devices: by their tables. virtual: the table of the virtual bench, empty where no device is virtual.
     registration: the measured places of the devices; None: they are as described. With a registration, camera_shape is
@@ -200,6 +221,43 @@ class RigDescription:
         least = 0.0 if self.bench.focal_length_m is None else low
         return max(low, least), max(high, least)
 
+    def require_short_form(self, what: str) -> None:
+        """Raises UserError for the rig of a chain of elements. what: which knows none, in words."""
+        if self.bench.chain is not None:
+            expected = "a rig of one or two modulators of equal shape, tables [slm1] and [slm2]"
+            remedy = "of a chain there are `holoview rig show`, `test` and `settling`, `holoview measure`, and captures"
+            raise UserError(f"{self.path}: chain", f"{what}, of a chain of elements", expected=expected, remedy=remedy)
+
+    @property
+    def modulator_names(self) -> tuple[str, ...]:
+        """The tables of the modulators: slm1 and slm2, of a chain the names of the elements that show patterns."""
+        chain = self.bench.chain
+        return _SLMS[: len(self.bench.slms)] if chain is None else tuple(chain.drive_shapes)
+
+    @property
+    def slm_shapes(self) -> tuple[tuple[int, int], ...]:
+        """Rows and columns of each modulator."""
+        chain = self.bench.chain
+        if chain is None:
+            return (self.slm_shape,) * len(self.bench.slms)
+        return tuple((rows, columns) for _, rows, columns in chain.drive_shapes.values())
+
+    def together(self, patterns: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Patterns of each modulator as one array (modulator, y, x), smaller ones in the first rows and columns."""
+        rows, columns = self.slm_shape
+        return np.stack([np.pad(own, [(0, rows - own.shape[0]), (0, columns - own.shape[1])]) for own in patterns])
+
+    @property
+    def clear_levels(self) -> list[Levels]:
+        """Patterns of each modulator that change no phase and let all light through."""
+        chain = self.bench.chain
+        named = {} if chain is None else dict(zip(chain.element_names, chain.elements, strict=True))
+        tops = [
+            slm.num_levels - 1 if isinstance(named.get(name), AmplitudeModulator) else 0
+            for name, slm in zip(self.modulator_names, self.bench.slms, strict=True)
+        ]
+        return [np.full(shape, top, self.levels_type) for shape, top in zip(self.slm_shapes, tops, strict=True)]
+
     @property
     def levels_type(self) -> type[np.unsignedinteger]:
         """The type of grey levels of all modulators."""
@@ -207,7 +265,8 @@ class RigDescription:
 
     def random_levels(self, rng: np.random.Generator, sigma_px: float) -> Levels:
         """Random patterns (modulator, y, x), blurred by a Gaussian of `sigma_px` modulator pixels."""
-        return np.stack([random_levels(rng, self.slm_shape, slm.num_levels, sigma_px) for slm in self.bench.slms])
+        pairs = zip(self.bench.slms, self.slm_shapes, strict=True)
+        return self.together([random_levels(rng, shape, slm.num_levels, sigma_px) for slm, shape in pairs])
 
     def capture(
         self,
@@ -266,32 +325,106 @@ def _read_description(path: str | os.PathLike[str]) -> RigDescription:
     name = tables.pop("name", file.stem)
     if not isinstance(name, str):
         raise UserError(f"{where}: name", f"{name!r}", expected="a text")
+    chain = _chain(tables.pop("chain"), file) if "chain" in tables else None
+    slms = _SLMS if chain is None else tuple(chain.drive_shapes)
+    known = (*_TABLES, *_SLMS, "geometry") if chain is None else (*_TABLES, *slms)
     for key, table in tables.items():
-        if key not in _TABLES or not isinstance(table, Mapping):
-            raise UserError(f"{where}: {key}", "unknown table", remedy=suggest_matches(key, _TABLES))
-    for key in ("slm1", "camera", "lasers", "stage", "limits"):
-        check_keys(tables, _TABLES, f"{where}: ", required=[key], expected=f"a table [{key}]", noun="table")
-    facts = {name: _facts(tables[name], name, where) for name in _DEVICES if name in tables}
-    slm_shapes = [facts[name]["shape"] for name in ("slm1", "slm2") if name in facts]
-    if len(set(slm_shapes)) > 1:
-        expected = f"that of slm1, {list(slm_shapes[0])}"
-        raise UserError(f"{where}: slm2.shape", str(list(slm_shapes[1])), expected=expected)
-    bench = {name: {key: v for key, v in tables[name].items() if key in KEYS[name]} for name in KEYS if name in tables}
-    bench |= {"geometry": tables["geometry"]} if "geometry" in tables else {}
+        if key not in known or not isinstance(table, Mapping):
+            raise UserError(f"{where}: {key}", "unknown table", remedy=suggest_matches(key, known))
+    for key in (*(_SLMS[:1] if chain is None else slms), "camera", "lasers", "stage", "limits"):
+        check_keys(tables, known, f"{where}: ", required=[key], expected=f"a table [{key}]", noun="table")
+    facts = {name: _facts(tables[name], name, where) for name in (*slms, *_DEVICES) if name in tables}
+    bench, shape = _bench(tables, facts, where) if chain is None else _bench_of_chain(chain, tables, facts, where)
     rig = RigDescription(
         path=file,
         name=name,
-        bench=parse_bench_tables(bench, where),
-        slm_shape=slm_shapes[0],
+        bench=bench,
+        slm_shape=shape,
         camera_shape=facts["camera"]["shape"],
         wavelengths_m=facts["lasers"]["wavelengths"],
         stage_m=facts["stage"]["range"],
         limits=_limits(tables["limits"], facts["stage"]["range"], f"{where}: limits"),
-        devices={name: _device(name, tables[name], where) for name in facts},
+        devices={name: _device(name, tables[name], where, name in slms) for name in facts},
         virtual=dict(tables.get("virtual", {})),
     )
     _check(replace(rig, camera_shape=rig.slm_shape))  # a raw picture may have any shape
     return rig
+
+
+def _bench(tables: Mapping[str, Any], facts: Mapping[str, Any], where: str) -> tuple[BenchTables, tuple[int, int]]:
+    """The bench of one or two modulators, and their shape."""
+    shapes = [facts[name]["shape"] for name in _SLMS if name in facts]
+    if len(set(shapes)) > 1:
+        expected = f"that of slm1, {list(shapes[0])}"
+        raise UserError(f"{where}: slm2.shape", str(list(shapes[1])), expected=expected)
+    bench = {name: {key: v for key, v in tables[name].items() if key in KEYS[name]} for name in KEYS if name in tables}
+    bench |= {"geometry": tables["geometry"]} if "geometry" in tables else {}
+    return parse_bench_tables(bench, where), shapes[0]
+
+
+def _bench_of_chain(
+    chain: System, tables: Mapping[str, Any], facts: Mapping[str, Any], where: str
+) -> tuple[BenchTables, tuple[int, int]]:
+    """The bench of a chain, and the most rows and columns of its modulators."""
+    named, slms = dict(zip(chain.element_names, chain.elements, strict=True)), []
+    for name in chain.drive_shapes:
+        own = slm_of(named[name])  # type: ignore[arg-type]  # it shows patterns
+        stated = facts[name].get("num_levels", own.num_levels)
+        if getattr(named[name], "levels", None) is not None and stated != own.num_levels:
+            raise UserError(f"{where}: {name}.num_levels", f"{stated}", expected=f"{own.num_levels}, as the chain has")
+        slms.append(replace(own, num_levels=stated))
+    camera = {key: v for key, v in tables["camera"].items() if key in KEYS["camera"]}
+    shape = tuple(max(sizes[axis] for sizes in chain.drive_shapes.values()) for axis in (1, 2))
+    return chain_tables(chain, tuple(slms), camera, where), (shape[0], shape[1])
+
+
+def _chain(stated: Any, file: Path) -> System:
+    """The chain of elements of a rig, without effects. Raises UserError for a bench that a capture file can't hold."""
+    where = f"{file}: chain"
+    if not isinstance(stated, str):
+        raise UserError(where, f"{stated!r}", expected='the name of a preset, or of a file such as "chain.toml"')
+    beside = file.parent / stated
+    try:
+        system = preset.load(beside if beside.is_file() else stated)
+        _require_nominal(system)
+    except UserError as error:
+        raise error.inside(f"{where}: ") from error
+    return system
+
+
+def virtual_rig_of(chain: System, file: str) -> dict[str, Any]:
+    """The tables of rig.toml of virtual devices around a chain of elements, whose preset stands in a file beside it.
+
+    The camera has the samples of the simulation as pixels. Raises UserError for a bench that a capture file can't hold.
+    """
+    _require_nominal(chain)
+    to_mm, near_m = Number("mm").to_toml, chain.way.behind_m
+    far_m = max(2 * float(chain.planes_m.max()), near_m + 1e-3)
+    camera = {"shape": list(chain.way.shape), "pitch": Number("um").to_toml(chain.way.sample_m)}
+    camera |= {"bit_depth": 12, "electrons_per_count": 4.0, "read_noise": 3.0, "black_level": 64}
+    stage = [to_mm(near_m), to_mm(far_m)]
+    return {
+        "name": f"virtual rig of {chain.name}",
+        "chain": file,
+        **{name: {"device": "virtual", "settle": 0.1} for name in chain.drive_shapes},
+        "camera": {"device": "virtual", **camera},
+        "lasers": {"device": "virtual", "wavelengths": [Number("nm").to_toml(float(λ)) for λ in chain.wavelengths_m]},
+        "stage": {"device": "virtual", "range": stage},
+        "limits": {"power": 1.0, "exposure": [1e-5, 0.5], "stage": stage},
+        "virtual": {"bench": "hidden.toml"},
+    }
+
+
+def _require_nominal(system: System) -> None:
+    """Raises UserError for a system that is no chain of elements, or whose captures no file can hold."""
+    if not system.is_chain:
+        expected = "a chain of elements; one or two equal phase modulators have the tables [slm1] and [slm2]"
+        raise UserError("elements", "one or two equal phase modulators", expected=expected)
+    if system.effects or system.eye is not None:
+        raise UserError("effects" if system.effects else "eye", "stated", expected="the nominal bench alone")
+    check_nominal(system)
+    if taken := [name for name in system.drive_shapes if name in _TABLES]:
+        raise UserError("elements", f'"{taken[0]}", a table of its own', expected="another name of the element")
 
 
 def _check(rig: RigDescription) -> None:
@@ -304,8 +437,9 @@ def _check(rig: RigDescription) -> None:
 
 def _facts(table: Mapping[str, Any], name: str, where: str) -> dict[str, Any]:
     """The facts of a device, parsed, without those of the bench and the options of its kind."""
-    types = _FACTS[name]
-    return read_table({key: v for key, v in table.items() if key in types}, types, f"{where}: {name}.", required=types)
+    types = _FACTS.get(name, _ELEMENT_FACTS)
+    required = types if name in _FACTS else ()
+    return read_table({k: v for k, v in table.items() if k in types}, types, f"{where}: {name}.", required=required)
 
 
 def _limits(table: Mapping[str, Any], reach_m: tuple[float, float], where: str) -> SafetyLimits:
@@ -318,13 +452,14 @@ def _limits(table: Mapping[str, Any], reach_m: tuple[float, float], where: str) 
     return SafetyLimits(values["power"], values["exposure"], stage_m)
 
 
-def _device(name: str, table: Mapping[str, Any], where: str) -> DeviceSpec:
-    options = {key: v for key, v in table.items() if key not in KEYS.get(name, ()) and key not in _FACTS[name]}
+def _device(name: str, table: Mapping[str, Any], where: str, is_modulator: bool) -> DeviceSpec:
+    facts = (*KEYS.get(name, ()), *_FACTS.get(name, _ELEMENT_FACTS))
+    options = {key: v for key, v in table.items() if key not in facts}
     kind = options.get("device")
     if not isinstance(kind, str):
         raise UserError(f"{where}: {name}.device", "is missing" if kind is None else f"{kind!r}", expected="a text")
     own = {key: value for key, value in options.items() if key != "device"}
-    if name not in ("slm1", "slm2") or "settle" not in own:
+    if not is_modulator or "settle" not in own:
         return DeviceSpec(name, kind, own)
     is_auto = own["settle"] == "auto"
     if not is_auto:
@@ -335,7 +470,7 @@ def _device(name: str, table: Mapping[str, Any], where: str) -> DeviceSpec:
 def with_settle(text: str, name: str, settle_s: float) -> str:
     """The text of rig.toml with another `settle` in the table [name], in milliseconds rounded up."""
     lines, value = text.splitlines(keepends=True), f"settle = {math.ceil(settle_s * 1e3) / 1e3:g}"
-    begin = next(k for k, line in enumerate(lines) if re.match(rf"\s*\[\s*{name}\s*\]", line))
+    begin = next(k for k, line in enumerate(lines) if re.match(rf"\s*\[\s*[\"']?{re.escape(name)}[\"']?\s*\]", line))
     end = next((k for k in range(begin + 1, len(lines)) if lines[k].lstrip().startswith("[")), len(lines))
     for k in range(begin + 1, end):
         if re.match(r"\s*settle\s*=", lines[k]):

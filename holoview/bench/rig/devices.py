@@ -131,9 +131,13 @@ class Devices:
         return max(modulator.settle_s for modulator in self.modulators)
 
     def show(self, levels: Sequence[Levels] | Levels) -> None:
-        """Sends each modulator its grey levels (y, x), and doesn't wait until they have settled."""
+        """Sends each modulator its grey levels (y, x), and doesn't wait until they have settled.
+
+        A modulator with fewer pixels than others gets the first rows and columns.
+        """
         for modulator, own in zip(self.modulators, levels, strict=True):
-            modulator.show(own)
+            rows, columns = modulator.shape
+            modulator.show(own[:rows, :columns])
 
     def close(self) -> None:
         """Switches the lasers off and closes all devices, each even if another one fails; the first failure counts."""

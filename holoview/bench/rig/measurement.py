@@ -100,7 +100,8 @@ class Measurement:
 
     def _settle_s(self) -> float:
         """The longest time that a modulator needs: the measured time, if there is one."""
-        waits = {f"slm{n}": modulator.settle_s for n, modulator in enumerate(self._devices.modulators, start=1)}
+        pairs = zip(self._rig.modulator_names, self._devices.modulators, strict=True)
+        waits = {name: modulator.settle_s for name, modulator in pairs}
         return max((waits | {name: found.wait_s for name, found in self._settling.items()}).values())
 
     def _picture(self, request: CaptureRequest) -> tuple[Counts, float]:
@@ -129,10 +130,11 @@ class Measurement:
 
     def _measure_settling(self, name: str, request: CaptureRequest) -> None:
         """Measures how one modulator settles, in the light of a capture."""
-        number, rig, devices = int(name.removeprefix("slm")) - 1, self._rig, self._devices
+        number, rig, devices = self._rig.modulator_names.index(name), self._rig, self._devices
         levels = request.levels(rig)
         self._light_up(request, levels)
-        own, num_levels = levels[number], rig.bench.slms[number].num_levels
+        rows, columns = rig.slm_shapes[number]
+        own, num_levels = levels[number, :rows, :columns], rig.bench.slms[number].num_levels
         facts, modulator = rig.bench.camera, devices.modulators[number]
         found = measure_settling(modulator, self._camera, facts, devices.clock, own, num_levels)
         self._settling[name] = found

@@ -91,7 +91,7 @@ def open_rig(rig: RigDescription) -> Devices:
                 opened[name] = GuardedLasers(opened[name], rig.path)
             stack.callback(opened[name].close)
         clock: BenchClock = SystemClock() if opening.bench is None else VirtualClock(opening.bench)
-        modulators = tuple(opened[name] for name in ("slm1", "slm2") if name in opened)
+        modulators = tuple(opened[name] for name in rig.modulator_names)
         devices = Devices(modulators, opened["camera"], opened["lasers"], opened["stage"], clock)
         stack.pop_all()  # they stay open
     return limit_devices(
@@ -110,8 +110,9 @@ def open_lasers(rig: RigDescription) -> LasersDevice:
 
 def _open_virtual(opening: OpeningRig, spec: DeviceSpec) -> Any:
     bench, rig = opening.virtual_bench(), opening.rig
-    if spec.name in ("slm1", "slm2"):
-        return VirtualModulator(bench, rig, int(spec.name[3]) - 1, float(spec.options.get("settle", 0.0)))
+    if spec.name in rig.modulator_names:
+        number = rig.modulator_names.index(spec.name)
+        return VirtualModulator(bench, rig, number, float(spec.options.get("settle", 0.0)))
     return {"camera": VirtualCamera, "lasers": VirtualLasers, "stage": VirtualStage}[spec.name](bench, rig)
 
 

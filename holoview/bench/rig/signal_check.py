@@ -24,6 +24,7 @@ from holoview.bench.rig.align import laser_for_alignment
 from holoview.bench.rig.camera_pictures import take_exposed
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.devices import Devices
+from holoview.light.model.elements import AmplitudeModulator, PhaseModulator, Space
 from holoview.util.progress import ProgressCallback, no_progress
 
 Floats = NDArray[np.float64]
@@ -45,7 +46,7 @@ _LIT = 0.3  # of the bright part's light: what counts
 
 @dataclass(frozen=True)
 class SignalCheck:
-    """What was found of a modulator's signal.
+    """What was found of a modulator's signal. name: its table in rig.toml.
 
     scale: of the pattern on the modulator; None if no grating was seen. low, high: steps of a sixteenth of the range at
     its ends, in units of that in its middle. merged: of eight neighbouring levels those that can't be told from the
@@ -53,6 +54,7 @@ class SignalCheck:
     """
 
     modulator: int
+    name: str
     scale: float | None = None
     low: float | None = None
     high: float | None = None
@@ -70,12 +72,14 @@ def check_signals(
     """
     found = []
     for number, slm in enumerate(rig.bench.slms):
-        name = f"slm{number + 1}"
-        if rig.bench.focal_length_m is not None:
-            found.append(SignalCheck(number, notes=(f"{name}: its signal isn't checked on a Fourier bench",)))
+        name = rig.modulator_names[number]
+        if why := _hidden_in_chain(rig, name):
+            found.append(SignalCheck(number, name, notes=(f"{name}: its signal isn't checked {why}",)))
+        elif rig.bench.focal_length_m is not None:
+            found.append(SignalCheck(number, name, notes=(f"{name}: its signal isn't checked on a Fourier bench",)))
         elif slm.num_levels < LEAST_LEVELS:
             note = f"{name}: a signal of {slm.num_levels} levels isn't checked, {LEAST_LEVELS} or more are"
-            found.append(SignalCheck(number, notes=(note,)))
+            found.append(SignalCheck(number, name, notes=(note,)))
         else:
             found.append(_Check(rig, devices, number, progress).run())
     return tuple(found)
@@ -86,23 +90,47 @@ def signal_lines(check: SignalCheck) -> tuple[str, ...]:
     if check.faults or check.scale is None:
         return (*check.faults, *check.notes)
     bits = "" if check.merged is None else f", no two of {_UNIT_STEPS + 1} neighbouring levels alike"
-    found = f"slm{check.modulator + 1}: patterns arrive at {check.scale:.1%} of their size, with both ends of the range"
+    found = f"{check.name}: patterns arrive at {check.scale:.1%} of their size, with both ends of the range"
     return (f"{found}{bits}", *check.notes)
 
 
+def _hidden_in_chain(rig: RigDescription, name: str) -> str:
+    """Why gratings on an element of a chain aren't seen as this check needs it, in words; empty where they are."""
+    chain = rig.bench.chain
+    if chain is None:
+        return ""
+    for own, element in zip(chain.element_names, chain.elements, strict=True):
+        is_plain = isinstance(element, PhaseModulator | AmplitudeModulator) and not element.beside
+        if own == name and not isinstance(element, PhaseModulator):
+            return "as that of a phase modulator"
+        if not (is_plain or isinstance(element, Space)):
+            return f"with {own}, of kind {element.kind}, in the light"
+    return ""
+
+
+def _before_m(rig: RigDescription, number: int) -> float:
+    """How far a modulator stands before where distances to the camera are measured from, m."""
+    chain = rig.bench.chain
+    if chain is None:
+        return (rig.bench.gap_m or 0.0) if number + 1 < len(rig.bench.slms) else 0.0
+    index = chain.element_names.index(rig.modulator_names[number])
+    spaces = [e.distance_m or 0.0 for e in chain.elements[index:] if isinstance(e, Space)]
+    return math.fsum(spaces) - chain.way.behind_m
+
+
 class _Check:
-    """The check of one modulator; the other one is flat."""
+    """The check of one modulator; the others are flat and transparent."""
 
     def __init__(self, rig: RigDescription, devices: Devices, number: int, progress: ProgressCallback) -> None:
         self._rig, self._devices, self._number, self._progress = rig, devices, number, progress
-        self._slm, self._done = rig.bench.slms[number], 0
+        self._slm, self._done, self._name = rig.bench.slms[number], 0, rig.modulator_names[number]
         self._black = rig.bench.camera.black_level
         self._wavelength_m = laser_for_alignment(rig)
         self._period, self._place_m = self._geometry()
 
     def run(self) -> SignalCheck:
         """Takes the pictures, and judges them."""
-        name, devices, top = f"slm{self._number + 1}", self._devices, self._slm.num_levels - 1
+        name, devices, top = self._name, self._devices, self._slm.num_levels - 1
         devices.stage.move_to(self._place_m)
         devices.lasers.switch_on(self._wavelength_m, min(self._rig.limits.power, 1.0))
         self._show(0, 0)
@@ -116,7 +144,7 @@ class _Check:
         noise = (flats[0] / np.where(lit, flat, 1.0) - 1)[lit]
         power = float(np.mean(reference[lit] ** 2))
         if power < _SIGMAS**2 * float(np.mean(noise**2)) / math.sqrt(lit.sum()):
-            return SignalCheck(self._number, faults=(f"{name}: no grating that it shows is seen by the camera",))
+            return SignalCheck(self._number, name, faults=(f"{name}: no grating that it shows is seen by the camera",))
 
         def steps(low: int, high: int) -> float:
             return float(np.mean(self._modulation(flat, lit, low, high)[lit] * reference[lit])) / power
@@ -129,22 +157,22 @@ class _Check:
         merged = sum(unit < _MERGED * max(units) for unit in units) if is_seen else None
         notes = () if is_seen else (f"{name}: the noise hides a step of one level, so that bits aren't checked",)
         faults = (*_scale_faults(name, scale), *_range_faults(name, low, high, merged))
-        return SignalCheck(self._number, scale, low, high, merged, faults, notes)
+        return SignalCheck(self._number, name, scale, low, high, merged, faults, notes)
 
     def _geometry(self) -> tuple[int, float]:
         """The period (pixels) and the place of the stage (m) at which a grating is seen best."""
         rig = self._rig
         near, far = self._devices.stage.range_m
         places = np.linspace(near, far, _PLACES)
-        before = (rig.bench.gap_m or 0.0) if self._number + 1 < len(rig.bench.slms) else 0.0
+        before, columns = _before_m(rig, self._number), rig.slm_shapes[self._number][1]
         best = (-1.0, _PERIODS_PX[0], float(near))
         for period in _PERIODS_PX:
             width_m = period * self._slm.pitch_m
-            fits = rig.slm_shape[1] >= _LEAST_PERIODS * period
+            fits = columns >= _LEAST_PERIODS * period
             if not fits or width_m < _LEAST_CAMERA_PX * rig.bench.camera.pitch_m:
                 continue
             sines = np.abs(np.sin(np.pi * self._wavelength_m * (places + before) / width_m**2))
-            walk_off = self._wavelength_m * (places + before) / width_m / (rig.slm_shape[1] * self._slm.pitch_m)
+            walk_off = self._wavelength_m * (places + before) / width_m / (columns * self._slm.pitch_m)
             scores = np.where(walk_off < 0.25, sines, 0.0)  # its orders overlap over most of the picture
             place = int(np.argmax(scores))
             if scores[place] > best[0]:
@@ -154,16 +182,16 @@ class _Check:
         return best[1], best[2]
 
     def _show(self, low: int, high: int) -> None:
-        """A grating on this modulator, and a flat other one."""
-        for number, modulator in enumerate(self._devices.modulators):
-            levels = (low, high) if number == self._number else (0, 0)
-            modulator.show(grating(modulator.shape, self._period, *levels, dtype=self._rig.levels_type))
+        """A grating on this modulator, and nothing on the others."""
+        levels, shape = self._rig.clear_levels, self._rig.slm_shapes[self._number]
+        levels[self._number] = grating(shape, self._period, low, high, dtype=self._rig.levels_type)
+        self._devices.show(levels)
         self._devices.clock.wait(self._devices.settle_s)
 
     def _take(self) -> Floats:
         """A picture without its black level."""
         self._done += 1
-        self._progress(self._done, _FLAT_PICTURES + 3 + _UNIT_STEPS, f"slm{self._number + 1}")
+        self._progress(self._done, _FLAT_PICTURES + 3 + _UNIT_STEPS, self._name)
         return self._devices.camera.take().astype(np.float64) - self._black
 
     def _modulation(self, flat: Floats, lit: NDArray[np.bool_], low: int, high: int) -> Floats:

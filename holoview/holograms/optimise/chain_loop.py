@@ -255,7 +255,8 @@ def check_whole_picture(settings: Settings, stack: Any) -> None:
 class ChainProblem:
     """A chain, a target and a loss. Raises UserError as `make_objective`, `check_plan` and `check_suits` do.
 
-    stack: a focal stack, or a complex target, whose fields are compared. places_m: places (y, x) of the eye's pupil, those of the settings when None.
+    stack: a focal stack, or a complex target, whose fields are compared. places_m: places (y, x) of the eye's pupil,
+    those of the settings when None.
     """
 
     def __init__(

@@ -59,7 +59,7 @@ class SlmStuck(Effect):
     varies_over_field = True
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        self._check(v, context.whole_shape)
+        self._check(v, context.whole_shape, context.element or f"modulator {self.modulator + 1}")
         shown = share.clone()
         for place, level in _dead_places(v):
             shown[_inside(place, context)] = level
@@ -94,11 +94,11 @@ class SlmStuck(Effect):
         first, *others = found or [f"No pixels {modulator} are stuck"]
         return {"found": "; ".join([first, *(text[0].lower() + text[1:] for text in others)])}
 
-    def _check(self, v: Values, shape: tuple[int, int]) -> None:
-        """Raises UserError unless all places begin inside. shape: rows and columns of the modulator."""
+    def _check(self, v: Values, shape: tuple[int, int], where: str) -> None:
+        """Raises UserError unless all places begin inside. shape: rows and columns of the modulator, `where` in words."""
         for name, count in _counted(shape):
             if max(v[name], default=0) >= count:
-                size = f"modulator {self.modulator + 1} has {shape[0]} rows and {shape[1]} columns, counted from 0"
+                size = f"{where} has {shape[0]} rows and {shape[1]} columns, counted from 0"
                 raise UserError(
                     name, f"{max(v[name]):g}", expected=f"at most {count - 1}, since {size}", remedy="leave it out"
                 )

@@ -194,6 +194,7 @@ class RigSession:
     def open(self, path: str | Path) -> None:
         """Reads rig.toml and opens its devices in the background. Raises UserError for a wrong description."""
         rig = read_rig(path)
+        rig.require_short_form("a rig in the window")
         self.close_rig()
         self.rig, self.diagnosis.registration = rig, rig.registration
         self.captures = TakenCaptures(rig.path.with_name(f"{rig.path.stem}-{_now()}.captures"))

@@ -169,8 +169,8 @@ def best_separating_capture(context: SearchContext, first: CandidateFit, second:
 def proposed_captures(captures: Captures, smooth_index: int, rough_index: int) -> list[ProposedCapture]:
     """Proposed captures, each of which differs from an existing capture in one respect."""
     smooth, rough = captures.subset([smooth_index]), captures.subset([rough_index])
-    middle = captures.levels.dtype.type(captures.slms[0].num_levels // 2)
-    flat = np.full_like(smooth.levels, middle)
+    middles = np.array([slm.num_levels // 2 for slm in captures.slms], captures.levels.dtype)
+    flat = np.broadcast_to(middles[:, None, None], smooth.levels.shape[1:])[None].copy()
     proposed = [
         ProposedCapture("a capture with a smoother pattern", smooth),
         ProposedCapture("a capture with a rougher pattern", rough),
@@ -178,11 +178,12 @@ def proposed_captures(captures: Captures, smooth_index: int, rough_index: int) -
         ProposedCapture("a capture with half the laser power", replace(rough, power=rough.power / 2)),
         ProposedCapture("a capture with a tenth of the exposure", replace(rough, exposure_s=rough.exposure_s / 10)),
     ]
-    if len(captures.slms) > 1 and captures.chain is None:
-        for number in (0, 1):
+    if len(captures.slms) > 1:
+        for name, number in zip(captures.slm_names, range(len(captures.slms)), strict=True):
             levels = rough.levels.copy()
-            levels[:, number] = middle
-            words = f"a capture with modulator {number + 1} flat and a rough pattern on the other"
+            levels[:, number] = middles[number]
+            others = "other" if len(captures.slms) == 2 else "others"
+            words = f"a capture with {name} flat and a rough pattern on the {others}"
             proposed.append(ProposedCapture(words, replace(rough, levels=levels)))
     planes = np.unique(captures.distance_m)
     farther = planes.max() * 1.5 if planes.max() > 0 else planes.max() + 2e-3

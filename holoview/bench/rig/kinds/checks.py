@@ -141,8 +141,9 @@ def require_counts(picture: Any, rig: RigDescription) -> Counts:
 
 def require_levels(name: str, levels: Levels, rig: RigDescription) -> None:
     """Raises DeviceError for levels (y, x) that a modulator doesn't have."""
-    count = rig.bench.slms[int(name[3]) - 1].num_levels
-    require_shape(name, levels.shape, rig.slm_shape)
+    number = rig.modulator_names.index(name)
+    count = rig.bench.slms[number].num_levels
+    require_shape(name, levels.shape, rig.slm_shapes[number])
     if int(levels.max()) >= count:
         raise DeviceError(name, f"was to show level {int(levels.max())}", expected=f"0 … {count - 1}")
 

@@ -49,7 +49,7 @@ def open_python(rig: RigDescription, spec: DeviceSpec, modules: MutableMapping[P
 
     Raises UserError for wrong options and a file or class that fails, DeviceError for a device that doesn't open.
     """
-    types = _SLM_OPTIONS if spec.name in ("slm1", "slm2") else _OPTIONS
+    types = _SLM_OPTIONS if spec.name in rig.modulator_names else _OPTIONS
     options = parse_options(rig, spec, types, required=("file", "class"))
     where = option_place(rig, spec)
     file = (rig.path.parent / options["file"]).resolve()
@@ -96,8 +96,9 @@ class _Guarded:
 class _Modulator(_Guarded):
     def __init__(self, rig: RigDescription, name: str, device: Any, remedy: str) -> None:
         super().__init__(rig, name, device, remedy)
-        require_shape(name, device.shape, rig.slm_shape)
-        self.shape, self.settle_s = rig.slm_shape, float(device.settle_s)
+        self.shape = rig.slm_shapes[rig.modulator_names.index(name)]
+        require_shape(name, device.shape, self.shape)
+        self.settle_s = float(device.settle_s)
 
     def show(self, levels: Levels) -> None:
         """Sends grey levels (y, x)."""

@@ -70,8 +70,9 @@ class SlmsuiteModulator:
 
     def __init__(self, rig: RigDescription, name: str, slm: Any, settle_s: float | None, cells: str | None) -> None:
         self._rig, self._name, self._slm, self._cells = rig, name, slm, cells
-        self.shape, self.settle_s = rig.slm_shape, float(slm.settle_time_s if settle_s is None else settle_s)
-        num_levels, factor = rig.bench.slms[int(name[3]) - 1].num_levels, 1
+        number = rig.modulator_names.index(name)
+        self.shape, self.settle_s = rig.slm_shapes[number], float(slm.settle_time_s if settle_s is None else settle_s)
+        num_levels, factor = rig.bench.slms[number].num_levels, 1
         if cells is not None:
             factor, own = 2, len(CELL_MAPS[cells].level_codes)
             if num_levels != own:

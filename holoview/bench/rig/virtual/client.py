@@ -184,11 +184,11 @@ def ask(connection: Connection, table: dict[str, Any], array: Levels | None = No
 
 
 class VirtualModulator:
-    """A modulator of a virtual bench. number: 0 or 1."""
+    """A modulator of a virtual bench. number: its index among them."""
 
     def __init__(self, bench: VirtualBenchProcess, rig: RigDescription, number: int, settle_s: float) -> None:
         self._bench, self._number = bench, number
-        self.shape, self.settle_s = rig.slm_shape, settle_s
+        self.shape, self.settle_s = rig.slm_shapes[number], settle_s
 
     def show(self, levels: Levels) -> None:
         self._bench.ask({"do": "show", "slm": self._number}, levels)

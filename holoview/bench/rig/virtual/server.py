@@ -67,6 +67,7 @@ from holoview.bench.rig.description import RigDescription, read_rig
 from holoview.bench.rig.devices import Counts, Levels
 from holoview.bench.rig.virtual.client import Connection, Disconnected, Packet
 from holoview.bench.rig.virtual.signal_faults import SignalFaults
+from holoview.light.model.effects.on_element import AT
 from holoview.light.model.effects.registry import ActiveEffects, EffectTable, EffectValues
 from holoview.light.model.fields import Integer, Nested, Number, described_field, from_mapping, same_field, validate
 from holoview.util.errors import UserError, suggest_matches
@@ -185,6 +186,10 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
         settings: VirtualSettings = from_mapping(VirtualSettings, table)
     except UserError as error:
         raise error.inside(f"{where}.") from error
+    if rig.bench.chain is not None:
+        if turned_names := [name for name in settings.placement if name != "camera"]:
+            raise UserError(f"{where}.placement", turned_names[0], expected="the camera alone, of a chain of elements")
+        return settings
     turns = settings.slm_turns(len(rig.bench.slms))
     if len({oriented_shape(rig.slm_shape, turn) for turn in turns}) > 1:
         expected = "turns that leave both modulators the same shape"
@@ -248,7 +253,8 @@ class VirtualBench:
         self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
         self._scale: dict[float, float] = {}
         self._picture_shape = oriented_shape(rig.camera_shape, inverse_orientation(settings.camera_turn))
-        dark = [np.zeros(rig.slm_shape, _levels_type(slm.num_levels)) for slm in rig.bench.slms]
+        pairs = zip(rig.slm_shapes, rig.bench.slms, strict=True)
+        dark = [np.zeros(shape, _levels_type(slm.num_levels)) for shape, slm in pairs]
         self._shown = [_Shown(levels, levels.astype(np.float64), -math.inf) for levels in dark]
         self.time_s, self.exposure_s = 0.0, max(rig.limits.exposures_s[0], 1e-3)
         self.distance_m = min(max(0.0, rig.stage_m[0]), rig.stage_m[1])
@@ -256,15 +262,14 @@ class VirtualBench:
         ActiveEffects(settings.effects).require_possible(self._one_capture(lasers[0], 1.0).data_properties())
 
     def show(self, slm: int, levels: Levels) -> None:
-        """Sends a pattern (y, x) to modulator 0 or 1."""
+        """Sends a pattern (y, x) to the modulator of an index."""
         if not 0 <= slm < len(self._shown):
             raise UserError("modulator", f"no modulator {slm}")
-        num_levels = self._rig.bench.slms[slm].num_levels
-        if levels.shape != self._rig.slm_shape:
-            expected = f"{self._rig.slm_shape}"
-            raise UserError(f"slm{slm + 1}", f"a pattern of shape {levels.shape}", expected=expected)
+        num_levels, name = self._rig.bench.slms[slm].num_levels, self._rig.modulator_names[slm]
+        if levels.shape != self._rig.slm_shapes[slm]:
+            raise UserError(name, f"a pattern of shape {levels.shape}", expected=f"{self._rig.slm_shapes[slm]}")
         if int(levels.max()) >= num_levels:
-            raise UserError(f"slm{slm + 1}", f"level {int(levels.max())}", expected=f"0 to {num_levels - 1}")
+            raise UserError(name, f"level {int(levels.max())}", expected=f"0 to {num_levels - 1}")
         own = self._settings.signal.arrived(levels.astype(_levels_type(num_levels)), num_levels)
         self._shown[slm] = _Shown(own, self.levels_now(slm), self.time_s)
 
@@ -355,16 +360,19 @@ class VirtualBench:
 
     def _on_the_bench(self, displayed: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """Patterns as they arrive on the bench (modulator, y, x)."""
-        return np.stack([turned(own, turn) for own, turn in zip(displayed, self._turns, strict=True)])
+        arrived = [turned(own, turn) for own, turn in zip(displayed, self._turns, strict=True)]
+        return np.stack(arrived) if self._rig.bench.chain is None else self._rig.together(arrived)
 
     def _with_settling(self, effects: dict[str, dict[str, float]], now_s: float) -> dict[str, dict[str, float]]:
         """The effects, with the share of the patterns before that remains when an exposure begins."""
-        own = dict(effects.get("settling", {}))
-        for number, shown in enumerate(self._shown, start=1):
-            share = self._share_before(shown, now_s)
+        found = {name: dict(own) for name, own in effects.items()}
+        for number, (name, shown) in enumerate(zip(self._rig.modulator_names, self._shown, strict=True), start=1):
+            share, is_chain = self._share_before(shown, now_s), self._rig.bench.chain is not None
             if share > _MIN_SHARE:
-                own[f"share{number}"] = min(own.get(f"share{number}", 0.0) + share, _MAX_SHARE)
-        return {**effects, "settling": own} if own else effects
+                own = found.setdefault(f"settling{AT}{name}" if is_chain else "settling", {})
+                key = "share" if is_chain else f"share{number}"
+                own[key] = min(own.get(key, 0.0) + share, _MAX_SHARE)
+        return found
 
     def _with_drift(self, effects: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
         """The effects, with the shift of the camera that has come over time."""

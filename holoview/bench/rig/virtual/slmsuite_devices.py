@@ -45,6 +45,7 @@ class VirtualBenchLink:
     ) -> None:
         import_optional("slmsuite", "the virtual bench's devices for slmsuite")
         self.rig: RigDescription = read_rig(rig, is_registered=False)
+        self.rig.require_short_form("slmsuite's devices of a virtual rig")
         self._live, self.is_open = live, True
         if (address is None) != (token is None):
             raise UserError("virtual bench", "address or token alone", expected="both, or neither")

@@ -52,7 +52,7 @@ _TITLES = {
 }
 _HELP = {
     "modulators": "What all modulators of the bench have in common: pixels, stroke and levels.",
-    "source": "The plane waves that light the first modulator: how many, and from where.",
+    "source": "The plane waves that light the first element: how many, and from where.",
 }
 _MAX_SOURCES = 7  # along each axis
 
@@ -177,7 +177,7 @@ def _tilt(context: AppContext, system: System) -> None:
     directions = system.source.directions_rad
     middle = directions.mean(axis=0)
     for axis, name in enumerate(("tilt y", "tilt x")):
-        edited = number_field(name, kind, float(middle[axis]), 0.0, "Angle of incidence on the first modulator.")
+        edited = number_field(name, kind, float(middle[axis]), 0.0, "Angle of incidence on the first element.")
         if edited is not None:
             moved = directions.copy()
             moved[:, axis] += edited.value - middle[axis]
