@@ -107,8 +107,7 @@ def iterate_chain(
             problem.see_from(*drawn(iteration))
         shown = patterns.shown()
         solves = "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last)
-        is_whole = make_best is None or solves or lasers.are_due(iteration)
-        planes = None if is_whole else problem.planes_of(iteration)
+        planes = problem.planes_of(iteration, is_whole=make_best is None or solves or lasers.are_due(iteration))
         found = problem.evaluate(shown, amplitudes, planes)
         if solves:
             amplitudes = problem.solved_amplitudes(found.intensity)
@@ -116,8 +115,7 @@ def iterate_chain(
         value, psnr_db = _finite(loss), problem.objective.psnr_db(image, planes)
         pictured = image[len(image) // 2] if planes is None or pictured is None else pictured
         if planes is None and (value < best[0] or drawn is not None):
-            best = (value, psnr_db)
-            make_best = _maker(problem.plan.nominal, shown, amplitudes)
+            best, make_best = (value, psnr_db), _maker(problem.plan.nominal, shown, amplitudes)
         if not is_last:
             _take_steps(problem, patterns, lasers, iteration, loss, found, amplitudes)
         assert make_best is not None
@@ -291,10 +289,10 @@ class ChainProblem:
         self._fields = None if complex_target is None else complex_target.of_lasers(self.lasers).to(device)
         self._has_levels = any(getattr(element, "levels", None) is not None for element in system.elements)
 
-    def planes_of(self, iteration: int) -> tuple[int, ...] | None:
-        """The planes that count in an iteration, if it needs nothing that takes all of them; None: all."""
+    def planes_of(self, iteration: int, *, is_whole: bool) -> tuple[int, ...] | None:
+        """The planes that count in an iteration; None: all. is_whole: whether it needs all of them."""
         settings, count = self.settings, len(self.objective.target)
-        if self._has_levels or not settings.drawn_planes:
+        if is_whole or self._has_levels or not settings.drawn_planes:
             return None
         return planes_in_turn(iteration, settings.iterations, count, settings.drawn_planes, settings.seed)
 
