@@ -58,6 +58,7 @@ from holoview.holograms.view import View, field_at, light_numbers, random_drive,
 from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops
 from holoview.light.engine.light_budget import told_light
 from holoview.light.model import preset
+from holoview.light.model.drives import complex_names
 from holoview.light.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
@@ -82,6 +83,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser, "--slm1", metavar="PNG", **several, help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
     )
     add_input(parser, "--slm2", metavar="PNG", **several, help="pattern of modulator 2, one a frame")
+    add_input(
+        parser,
+        "--patterns",
+        metavar="FOLDER",
+        type=Path,
+        help="patterns as `export --png` writes them: slm1.png, of a chain NAME.png of each element; NAME-frame0.png …",
+    )
     parser.add_argument(
         "--random", metavar="SEED", type=parse_seed, help="random patterns: speckle (the default, with seed 0)"
     )
@@ -341,7 +349,7 @@ def _field_picture(values: NDArray[np.complexfloating], quantity: str) -> FieldP
 
 def _shown(args: argparse.Namespace) -> ShownSystem:
     """The bench and its patterns (frame, modulator, y, x), from a hologram file, pattern images, or at random."""
-    named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
+    named = [flag for flag in ("hologram", "slm1", "patterns", "random") if getattr(args, flag) is not None]
     if len(named) > 1:
         raise UserError(f"--{named[0]} with --{named[1]}", "contradict each other", expected="one of them")
     if args.slm2 and not args.slm1:
@@ -370,6 +378,8 @@ def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.floa
     system = system_from_args(args)
     if args.slm1:
         return system, _read_patterns(args, system)
+    if args.patterns:
+        return system, _read_folder(args.patterns, system)
     return system, random_drive(system, args.random or 0)
 
 
@@ -389,14 +399,39 @@ def _system_and_drive_of_hologram(args: argparse.Namespace) -> tuple[System, NDA
     except UserError as error:
         raise UserError(
             str(args.hologram),
-            f"patterns of shape {hologram.drive.shape}",
-            expected=f"{system.drive_shape} for {system.name}",
+            f"patterns of shape {_shapes_words(hologram.system)}",
+            expected=f"{_shapes_words(system)} for {system.name}",
             remedy="leave the preset out to use the hologram's own bench",
         ) from error
 
 
+def _shapes_words(system: System) -> str:
+    """The shape of a bench's patterns, (frame, modulator, y, x); of a chain those of each element."""
+    if not system.is_chain:
+        return str(system.drive_shape)
+    return ", ".join(f"{shape} of {name}" for name, shape in system.drive_shapes.items())
+
+
+def _read_folder(folder: Path, system: System) -> Any:
+    """The patterns of a folder, as `holoview export --png` names them: slm1.png, or NAME.png of a chain's elements, and
+    NAME-frame0.png … of several frames. Raises UserError for a missing file, and as `read_pattern` does.
+    """
+    if shown := sorted(complex_names(system)):
+        found = f'complex patterns, of "{shown[0]}"'
+        raise UserError("--patterns", found, expected="phase and amplitude modulators, whose patterns pictures hold")
+    names = list(system.drive_shapes) if system.is_chain else [f"slm{n + 1}" for n in range(len(system.modulators))]
+    drives = {}
+    for name, (frames, *shape) in zip(names, system.drive_shapes.values(), strict=True):
+        files = [folder / (f"{name}.png" if frames == 1 else f"{name}-frame{n}.png") for n in range(frames)]
+        drives[name] = np.stack([read_pattern(file, (shape[0], shape[1])) for file in files])
+    return drives if system.is_chain else np.stack(list(drives.values()), axis=1)
+
+
 def _read_patterns(args: argparse.Namespace, system: System) -> NDArray[np.float32]:
     """The patterns of --slm1 and --slm2, (frame, modulator, y, x). Raises UserError for too few or too many files."""
+    if system.is_chain:
+        expected = f"--patterns FOLDER with {', '.join(f'{name}.png' for name in system.drive_shapes)}"
+        raise UserError("--slm1", "of a chain, whose elements have names", expected=expected)
     groups = [args.slm1] + ([args.slm2] if args.slm2 else [])
     frames, modulators = system.drive_shape[:2]
     if len(groups) != modulators or any(len(group) != frames for group in groups):

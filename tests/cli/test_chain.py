@@ -94,6 +94,52 @@ def test_patterns_are_exported_by_the_names_of_the_elements(
     assert np.array_equal(shown, signal_pattern(made.drive["phase"][0].shape, 8))
 
 
+@pytest.mark.parametrize("frames", [1, 2])
+def test_exported_patterns_are_rendered_from_their_folder(
+    holoview: Callable[..., Any], chain: Path, frames: int
+) -> None:
+    system = preset.load(chain / "chain.toml").edit({"frames": frames})
+    drive = {name: np.round(own * 255) / 255 for name, own in random_drive(system, 4).items()}
+    hv.Hologram(drive, system).save(chain / "made.safetensors")
+    assert holoview("export", "made.safetensors", "--png", "patterns").code == 0
+    (chain / "bench.toml").write_text(preset.dumps(system))
+    for command, name in ((("bench.toml", "--patterns", "patterns"), "folder"), (("made.safetensors",), "file")):
+        assert holoview("render", *command, "--backend", "torch", "-o", f"{name}.npy").code == 0
+    shown, expected = (np.load(chain / f"{name}.npy") for name in ("folder", "file"))
+    np.testing.assert_allclose(shown, expected, atol=1e-5 * expected.max())  # of f32
+    (chain / "patterns" / f"coarse{'-frame1' if frames == 2 else ''}.png").unlink()
+    told = holoview("render", "bench.toml", "--patterns", "patterns", "-o", "again.png")
+    assert told.code == 2 and "coarse" in told.err
+
+
+def test_patterns_of_a_short_form_are_rendered_from_their_folder(holoview: Callable[..., Any], tmp_path: Path) -> None:
+    system = hv.load("holochrome-8").with_(shape=[12, 16])
+    hv.Hologram(np.round(random_drive(system) * 255) / 255, system).save(tmp_path / "made.safetensors")
+    (tmp_path / "bench.toml").write_text(preset.dumps(system))
+    assert holoview("export", "made.safetensors", "--png", "patterns").code == 0
+    for command, name in ((("bench.toml", "--patterns", "patterns"), "folder"), (("made.safetensors",), "file")):
+        assert holoview("render", *command, "--backend", "torch", "-o", f"{name}.npy").code == 0
+    shown, expected = (np.load(tmp_path / f"{name}.npy") for name in ("folder", "file"))
+    np.testing.assert_allclose(shown, expected, atol=1e-5 * expected.max())
+
+
+@pytest.mark.parametrize("other", ["holochrome-8", "high-contrast"])
+def test_a_hologram_of_another_chain_is_refused_with_the_shapes(
+    holoview: Callable[..., Any], chain: Path, other: str
+) -> None:
+    told = holoview("render", other, "--hologram", "chain.safetensors", "-o", "seen.png")
+    assert told.code == 2 and "patterns of shape (1, 24, 32) of phase, (1, 6, 8) of coarse" in told.err
+
+
+def test_complex_patterns_are_in_no_picture(holoview: Callable[..., Any], tmp_path: Path) -> None:
+    element = {"kind": "complex", "pitch": "8 um", "shape": [12, 16]}
+    system = hv.System(["532 nm"], [[1.0]], elements=[element], planes_m=["2 mm"])
+    (tmp_path / "bench.toml").write_text(preset.dumps(system))
+    (tmp_path / "patterns").mkdir()
+    told = holoview("render", "bench.toml", "--patterns", "patterns", "-o", "seen.png")
+    assert told.code == 2 and 'complex patterns, of "complex"' in told.err
+
+
 def test_the_light_of_a_point_of_a_chain_is_explained(holoview: Callable[..., Any], chain: Path) -> None:
     found = json.loads(holoview("point", "chain.safetensors", "--json", "-o", "point.png").out)
     assert sum(order["share"] for order in found["orders"]) == pytest.approx(1.0)
@@ -137,8 +183,7 @@ def test_a_film_of_a_chain_begins_each_picture_with_the_last(holoview: Callable[
 
 REFUSING = {
     "captures of a Fourier bench": ("captures", "make", "chain.toml", "--focal-length", "0.1m", "-o", "captures.h5"),
-    "a study": ("study", "hologram", "chain.safetensors", "-o", "study"),
-    "patterns from pictures": ("render", "chain.toml", "--slm1", "picture.png"),
+    "pictures by the modulators' numbers": ("render", "chain.toml", "--slm1", "picture.png"),
     "an effect": ("render", "chain.toml", "--effects", "gap.gap_error=0.1mm"),
     "the short form's keys": ("info", "chain.toml", "--set", "gap=2mm"),
     "a pitch of all": ("info", "chain.toml", "--set", "pitch=8um"),

@@ -95,7 +95,7 @@ class SlmStuck(Effect):
         return {"found": "; ".join([first, *(text[0].lower() + text[1:] for text in others)])}
 
     def _check(self, v: Values, shape: tuple[int, int], where: str) -> None:
-        """Raises UserError unless all places begin inside. shape: rows and columns of the modulator, `where` in words."""
+        """Raises UserError unless all places begin inside. shape: rows and columns of the modulator `where`."""
         for name, count in _counted(shape):
             if max(v[name], default=0) >= count:
                 size = f"{where} has {shape[0]} rows and {shape[1]} columns, counted from 0"
