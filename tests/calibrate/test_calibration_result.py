@@ -68,6 +68,14 @@ def test_the_lasers_law_is_the_hidden_one(trained: Any, scored: PredictionScore)
     assert exponent == pytest.approx(trained.hidden["laser_power"]["exponent"], abs=0.03)
 
 
+def test_a_preset_with_another_kind_of_stop_is_refused(trained: Any) -> None:
+    nominal = trained.captures.nominal_system()
+    assert starting_bench(trained.captures, nominal, "") == nominal
+    for edits in ({"relay1.square": "first order"}, {"relay2.iris_na": None}, {"modulators.0.stroke": 800e-9}):
+        with pytest.raises(UserError, match="preset: "):
+            starting_bench(trained.captures, nominal.edit(edits), "")
+
+
 def test_the_preset_names_its_maps_beside_it_and_moves_with_them(saved: Path, tmp_path: Path) -> None:
     assert 'file = "mine.safetensors"' in saved.read_text(encoding="utf-8")
     for path in saved.parent.iterdir():
