@@ -213,7 +213,8 @@ class Settings:
         "So many planes count in an iteration, in turn, in an order drawn from the seed, which takes less time; 0, or "
         "as many as there are: all. All count in the last 30 % (40 iterations at least, half at most), in each tenth, "
         "where amplitudes are solved for or wavelengths move, and for modulators with levels. If absent, one of four "
-        "or more planes of equal weight seen from one place, in runs of 80 iterations or more; else, and of a chain, all.",
+        "or more planes of equal weight seen from one place, in runs of 80 iterations or more; else, and of a chain, "
+        "all.",
         default=None,
     )
 
