@@ -10,7 +10,10 @@ import pytest
 import torch
 
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.predictor import Predictor, SamplingConfig
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.judge import Verdict
+from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.report.error_places import (
     FreeCamera,
     FreeMapFit,
@@ -19,11 +22,14 @@ from holoview.bench.diagnose.report.error_places import (
     FreeRelay,
     FreeSource,
     ShownMap,
+    _free_maps_of_chain,
     likely_fits,
     placed_map,
     suggest_for,
 )
 from holoview.light.model.effects.hook_contexts import RelayContext
+from holoview.light.model.effects.registry import get_effect
+from holoview.light.model.system import System
 
 MAPS = [
     FreeSource(),
@@ -77,6 +83,69 @@ def test_every_number_of_a_map_has_its_slope(nominal: Captures, maps: FreeMaps) 
     slope = (light(at + h * way) - light(at - h * way)) / (2 * h)
     assert float(flat @ way) == pytest.approx(slope, rel=1e-4)
     maps.set_from_vector(np.zeros(maps.parameter_count))
+
+
+def _chain() -> System:
+    pixels = {"kind": "phase", "pitch": "8 um", "shape": [16, 20], "stroke": "825 nm"}
+    space = {"kind": "space", "distance": "1 mm", "iris_na": 0.03}
+    coarse = {"kind": "amplitude", "name": "coarse", "pitch": "16 um", "shape": [8, 10]}
+    mask = pixels | {"kind": "mask", "name": "glass", "pattern": "random", "stroke": "400 nm"}
+    elements = [pixels, space, mask, space | {"distance": "0.5 mm"}, coarse]
+    return System(["520 nm", "638 nm"], [[1.0, 1.0]], elements=elements, planes_m=["3 mm"], observer="mono")
+
+
+@pytest.fixture(scope="module")
+def of_chain() -> Captures:
+    return make_captures(_chain(), {}, AcquisitionSettings(captures_per_condition=4))
+
+
+CHAIN_MAPS = [FreeSource(), *_free_maps_of_chain(_chain()), FreeCamera()]
+
+
+def test_every_place_of_a_chain_has_maps() -> None:
+    assert [maps.acts_on[0] for maps in CHAIN_MAPS] == [
+        "source",
+        "phase",
+        "glass",
+        "coarse",
+        "space1",
+        "space2",
+        "the way to the planes",
+        "camera",
+    ]
+    assert len({maps.id for maps in CHAIN_MAPS}) == len(CHAIN_MAPS)
+
+
+@pytest.mark.parametrize("maps", CHAIN_MAPS, ids=lambda m: m.id)
+def test_maps_of_a_chain_change_its_light_and_nothing_while_they_are_zero(of_chain: Captures, maps: FreeMaps) -> None:
+    plain = Predictor(of_chain, double_precision=True)([0]).signal
+    predictor = Predictor(of_chain, extra_effects=[maps], double_precision=True)
+    maps.set_from_vector(np.zeros(maps.parameter_count))
+    torch.testing.assert_close(predictor([0], {maps.id: {"on": 1.0}}).signal, plain, rtol=1e-9, atol=1e-12)
+    test_every_number_of_a_map_has_its_slope(of_chain, maps)
+    maps.set_from_vector(np.random.default_rng(1).standard_normal(maps.parameter_count))
+    again = Predictor(of_chain, extra_effects=[maps], double_precision=True)
+    assert float((again([0], {maps.id: {"on": 1.0}}).signal - plain).norm() / plain.norm()) > 1e-3
+    maps.set_from_vector(np.zeros(maps.parameter_count))
+
+
+def test_maps_of_a_chain_lie_over_the_pixels_of_their_element(of_chain: Captures) -> None:
+    surface = ShownMap("stroke", np.zeros((6, 8)), "1")
+    assert placed_map(surface, "coarse", of_chain).extent == (-0.5, 9.5, 7.5, -0.5)
+    assert placed_map(surface, "glass", of_chain).axis == "pixels of glass"
+    assert placed_map(surface, "source", of_chain).extent == (-0.5, 39.5, 31.5, -0.5)
+    assert {placed_map(surface, name, of_chain).axis for name in ("space1", "the way to the planes")} == {"pupil radii"}
+    assert placed_map(surface, "camera", of_chain).axis == "camera pixels"
+
+
+def test_the_place_in_a_chain_of_what_no_effect_describes_is_told() -> None:
+    """A fault of an element, while none of its effects may be named."""
+    hidden = {"amplitude_gamma@coarse": {"gamma": 1.6}}
+    captures = make_captures(_chain(), hidden, AcquisitionSettings(captures_per_condition=8, seed=2))
+    found = diagnose(captures, workers=1, effects=[get_effect("laser_power")], sampling=SamplingConfig(points=1))
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert next(iter(found.lives_in)) == "coarse", found.lives_in
+    assert found.lives_in["coarse"] > 0.5 and "acts on coarse" in found.suggestions["coarse"]
 
 
 def test_only_places_that_explain_much_are_named() -> None:

@@ -186,7 +186,6 @@ def diagnose(
     began, known = time.monotonic(), known or {}
     check_known_effects(captures, known)
     candidates = list(effects_of(captures.data_properties()) if effects is None else effects)
-    free_maps = free_maps and captures.chain is None  # which are of modulator 1 and 2
     most_s = math.inf if time_s is None else time_s
     given = (workers, progress or no_progress, free_maps, thorough, most_s, is_asked_to_end, so_far, forecast, sampling)
     request = _Request(candidates, known, uncertain or {}, *given, config or SearchConfig(), sampling == PLAIN)

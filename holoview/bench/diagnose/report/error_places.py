@@ -36,8 +36,11 @@ from holoview.bench.diagnose.starts.transmission_slopes import (
     squared_residuals,
 )
 from holoview.light.effects.slm_stuck import describe_places
+from holoview.light.model.chain import pixel_shape, way_words
 from holoview.light.model.effects.effect import Effect, Parameter, Values
 from holoview.light.model.effects.hook_contexts import CameraContext, ModulatorContext, RelayContext
+from holoview.light.model.elements import Pixels
+from holoview.light.model.system import System
 from holoview.light.numerics.sampling import first_of_part
 
 Tensor = torch.Tensor
@@ -142,16 +145,19 @@ class FreeMaps(Effect):
 
 
 class FreeSource(FreeMaps):
-    """Amplitude and wavefront of the light on the first modulator."""
+    """Amplitude and wavefront of the light on the first modulator, or behind a static element of a chain."""
 
     id = "free_source"
     acts_on = ("source",)
 
-    def __init__(self) -> None:
+    def __init__(self, element: str = "") -> None:
         super().__init__({"amplitude": SURFACE_POINTS, "path": SURFACE_POINTS})
+        self.element = element
+        if element:
+            self.id, self.acts_on, self.on_all_elements = f"free_{element}", (element,), True  # type: ignore[misc]
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        if context.number != 0:
+        if context.number != 0 or context.element != self.element:
             return transmission
         shape, real = transmission.shape, transmission.real.dtype
         radians = 2 * math.pi * PATH_SCALE_M / context.wavelength_m
@@ -162,17 +168,23 @@ class FreeSource(FreeMaps):
 class FreeModulator(FreeMaps):
     """The response of a modulator: response curve, stroke over the surface, mixture with neighbouring pixels. The
     second modulator also has a map of optical path; the first modulator's belongs to the source.
+
+    element: of a chain, the name of the element that shows patterns, the one of this index among them.
     """
 
-    def __init__(self, modulator_index: int) -> None:
+    def __init__(self, modulator_index: int, element: str = "") -> None:
         surface = SURFACE_POINTS
         shapes = {"curve": (RESPONSE_POINTS,), "stroke": surface, "neighbours": (4,)}
         super().__init__({**shapes, "path": surface} if modulator_index else shapes)
-        self.modulator_index, self.id = modulator_index, f"free_modulator_{modulator_index + 1}"  # type: ignore[misc]
-        self.acts_on = (f"modulator {modulator_index + 1}",)  # type: ignore[misc]
+        self.modulator_index, self.element, self.on_all_elements = modulator_index, element, bool(element)  # type: ignore[misc]
+        self.id = f"free_{element or f'modulator_{modulator_index + 1}'}"  # type: ignore[misc]
+        self.acts_on = (element or f"modulator {modulator_index + 1}",)  # type: ignore[misc]
+
+    def _is_own(self, context: ModulatorContext) -> bool:
+        return context.element == self.element if self.element else context.number == self.modulator_index
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        if context.number != self.modulator_index:
+        if not self._is_own(context):
             return share
         scale = RELATIVE_SCALE
         bent = share + scale * _interpolate_curve(self.maps["curve"].to(share.dtype), share)
@@ -184,21 +196,22 @@ class FreeModulator(FreeMaps):
         return bent + mixed
 
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        if context.number != self.modulator_index or "path" not in self.maps:
+        if not self._is_own(context) or "path" not in self.maps:
             return path_m
         return path_m + PATH_SCALE_M * _upsample_map(self.maps["path"], path_m.shape, path_m.dtype)
 
 
 class FreeRelay(FreeMaps):
-    """Amplitude and optical path over a relay's pupil."""
+    """Amplitude and optical path over a relay's pupil. names: of the elements of a chain that the relay is."""
 
-    def __init__(self, relay_index: int) -> None:
+    def __init__(self, relay_index: int, names: tuple[str, ...] | None = None) -> None:
         super().__init__({"amplitude": PUPIL_POINTS, "path": PUPIL_POINTS})
         self.relay_index, self.id = relay_index, f"free_relay_{relay_index + 1}"  # type: ignore[misc]
-        self.acts_on = (f"relay {relay_index + 1}",)  # type: ignore[misc]
+        self.names, self.on_all_elements = names, names is not None  # type: ignore[misc]
+        self.acts_on = (f"relay {relay_index + 1}" if names is None else way_words(names),)  # type: ignore[misc]
 
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
-        if context.relay != self.relay_index:
+        if context.relay != self.relay_index if self.names is None else context.names != self.names:
             return pupil
         sine_y, sine_x = context.sines_from_centre
         reach = context.pupil_radius if context.pupil_radius < 1 else float(sine_y.abs().max())
@@ -258,6 +271,10 @@ def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
     """Maps at each place of the bench. A bench with one modulator has only the second relay, a Fourier bench has no
     relay."""
     yield FreeSource()
+    if (chain := context.data.captures.chain) is not None:
+        yield from _free_maps_of_chain(chain)
+        yield FreeCamera()
+        return
     yield FreeModulator(0)
     if len(context.data.captures.slms) > 1:
         yield FreeRelay(0)
@@ -265,6 +282,19 @@ def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
     if not context.data.captures.is_fourier:
         yield FreeRelay(1)
     yield FreeCamera()
+
+
+def _free_maps_of_chain(chain: System) -> Iterator[FreeMaps]:
+    """Maps of each element with pixels, and of each space."""
+    shown = list(chain.drive_shapes)
+    for name, element in zip(chain.element_names, chain.elements, strict=True):
+        if name in shown:
+            yield FreeModulator(shown.index(name), name)
+        elif isinstance(element, Pixels):
+            yield FreeSource(name)
+    for relay, names in enumerate(chain.way.relay_names):
+        if chain.way.kernel(relay) is None:
+            yield FreeRelay(relay, names)
 
 
 def _fit_free_map(
@@ -294,16 +324,25 @@ def placed_map(shown: ShownMap, location: str, captures: Captures) -> ShownMap:
         over_levels = shown.name == "curve"
         labels = _NEIGHBOURS if shown.name == "neighbours" else () if over_levels else (shown.name,)
         return replace(shown, axis="share of the stroke" if over_levels else "", labels=labels)
-    if location.startswith("relay"):
+    chain, of = captures.chain, "modulator pixels"
+    if location != "camera" and chain is not None:
+        element = dict(zip(chain.element_names, chain.elements, strict=True)).get(location)
+        is_pupil = location != "source" and not isinstance(element, Pixels)
+    else:
+        is_pupil, element = location.startswith("relay"), None
+    if is_pupil:
         return replace(shown, extent=(-1.0, 1.0, 1.0, -1.0), axis="pupil radii")
     if location == "camera":
         rows, columns = captures.shape
         whole = captures.frame or captures.shape
         top, left = first_of_part(whole, captures.shape, captures.centre_m, captures.camera.pitch_m)
+    elif chain is not None:
+        rows, columns = pixel_shape(element) if isinstance(element, Pixels) else chain.way.shape
+        top, left, of = 0, 0, f"pixels of {location}" if element is not None else "samples of the field"
     else:
         (rows, columns), (top, left) = captures.levels.shape[2:], captures.first_pixel
     extent = (left - 0.5, left + columns - 0.5, top + rows - 0.5, top - 0.5)
-    return replace(shown, extent=extent, axis="camera pixels" if location == "camera" else "modulator pixels")
+    return replace(shown, extent=extent, axis="camera pixels" if location == "camera" else of)
 
 
 def _loss_and_gradient(
@@ -372,8 +411,10 @@ _SUGGESTIONS = {
 
 
 def suggest_for(place: str) -> str:
-    """A sentence on what to do about an error that lives at a place, one of the places of `free_maps`."""
-    effect, captures = _SUGGESTIONS[place]
+    """A sentence on what to do about an error that lives at a place of `free_maps`: a part, or an element's name."""
+    of_chain = f"an effect with `element_kinds` that acts on {place}"
+    rough = f"captures with flat and with rough patterns on {place} or before it, at several distances"
+    effect, captures = _SUGGESTIONS.get(place, (of_chain, rough))
     return f"Write {effect} ({_HOW}). More of it would be seen in {captures}."
 
 
@@ -415,8 +456,10 @@ class PixelMap:
 
 
 def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
-    """The maps of all modulators, from the residuals of the fine captures with a base."""
+    """The maps of all modulators, from the residuals of the fine captures with a base; none of a chain."""
     captures = context.data.captures
+    if captures.chain is not None:
+        return ()
     comparison = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
     found = []
     for number, gains in sorted(replacement_gains(context, base, comparison, LEVELS).items()):
