@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose.fit import CandidateFit, effect_jacobian, identity_values
 from holoview.bench.diagnose.intervals import canonical_correlation
 from holoview.bench.diagnose.report.causes import best_separating_capture, proposed_captures
 from holoview.bench.diagnose.search_context import SearchContext, equivalent_effects
 from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.system import System
 from tests.diagnose.conftest import pictures
 
 
@@ -53,6 +56,21 @@ def test_captures_that_might_help_differ_in_one_respect_each() -> None:
     assert np.ptp(one.levels[:, 0]) == 0 and np.array_equal(one.levels[:, 1], captures.levels[[1], 1])
     assert found["a capture in another plane, at 6 mm"].distance_m == pytest.approx([6e-3])
     assert found["a capture at 660 nm"].wavelength_m == pytest.approx([660e-9])
+
+
+def test_captures_of_a_chain_that_might_help_are_named_by_its_elements_and_within_their_levels() -> None:
+    pixels = {"kind": "phase", "pitch": "8 um", "shape": [16, 20], "stroke": "825 nm"}
+    coarse = {"kind": "amplitude", "name": "coarse", "pitch": "16 um", "shape": [8, 10], "levels": 4}
+    other = pixels | {"name": "last", "levels": 16}
+    chain = System(["520 nm"], [[1.0]], elements=[pixels, coarse, other], planes_m=["3 mm"], observer="mono")
+    captures = make_captures(chain, {}, AcquisitionSettings(captures_per_condition=2))
+    found = {e.description: e.captures for e in proposed_captures(captures, 0, 1)}
+    assert {f"a capture with {name} flat and a rough pattern on the others" for name in chain.drive_shapes} < set(found)
+    flat = found["a capture with all modulators flat"].levels[0]
+    assert [int(own[0, 0]) for own in flat] == [128, 2, 8] and all(np.ptp(own) == 0 for own in flat)
+    for proposed in found.values():
+        assert np.isfinite(Predictor(proposed)([0]).signal.numpy()).all()
+        assert all(own.max() < slm.num_levels for own, slm in zip(proposed.levels[0], proposed.slms, strict=True))
 
 
 def test_a_second_plane_tells_a_wavelength_from_a_distance(context: SearchContext) -> None:
