@@ -251,6 +251,78 @@ def test_what_is_not_known_of_chains_is_refused(settings: dict[str, Any], words:
         next(iter(hv.iterate(_chain(_pixels("amplitude")), _STACK, hv.Settings(**settings))))
 
 
+def _edited(name: str, **keys: Any) -> System:
+    """The chain with keys of its last element that shows patterns."""
+    system = _chain(*_CHAINS[name], frames=2)
+    last = list(system.drive_shapes)[-1]
+    return system.edit({f"elements.{last}.{key}": value for key, value in keys.items()})
+
+
+@pytest.mark.parametrize("name", _CHAINS)
+def test_an_element_that_is_held_keeps_its_patterns(name: str) -> None:
+    """Those of the start, or patterns that let the light through; the others move as if it were a static one."""
+    system, settings = _edited(name, held=True), hv.Settings(iterations=6, amplitudes_every=3)
+    *others, last = system.drive_shapes
+    for start in (None, random_drive(system, 3)):
+        states = list(hv.iterate(system, _STACK, settings, start=start))
+        best = states[-1].best.drive
+        expected = 0.0 if system.elements[system.part(last)].kind == "phase" else 1.0
+        assert np.array_equal(best[last], np.full_like(best[last], expected) if start is None else start[last])
+        if others:
+            assert states[-1].loss < states[0].loss
+            before = states[0].best.drive
+            assert any(not np.array_equal(best[own], before[own]) for own in others)
+
+
+@pytest.mark.parametrize("name", _CHAINS)
+def test_the_step_of_an_element_is_that_which_it_states(name: str) -> None:
+    """Adam's first step has the size of the step where the gradient isn't nearly 0; inside the range."""
+    system = _edited(name, step=0.003)
+    last = list(system.drive_shapes)[-1]
+    start = {own: 0.5 * np.ones_like(drive) for own, drive in random_drive(system).items()}
+    start = {own: drive + 0.01 * random_drive(system)[own] for own, drive in start.items()}
+    *_, state = hv.iterate(system, _STACK, hv.Settings(iterations=1, free=("patterns",)), start=start)
+    moved = state.checkpoint().tensors[f"drive/{last}"]
+    given = start[last]
+    parts = np.stack([given.real, given.imag], axis=-1) if np.iscomplexobj(given) else given
+    sizes = np.abs(moved - parts)
+    assert sizes.max() <= 0.003 * (1 + 1e-4)
+    assert np.median(sizes) == pytest.approx(0.003, rel=0.05)
+
+
+def test_a_chain_whose_every_element_is_held_has_amplitudes_alone_to_find() -> None:
+    system = _chain(_pixels("amplitude", held=True))
+    with pytest.raises(hv.UserError, match="every element is held"):
+        next(iter(hv.iterate(system, _STACK, hv.Settings())))
+    *_, last = hv.iterate(system, _STACK, hv.Settings(iterations=2, free=("amplitudes",)))
+    assert (last.best.drive["amplitude"] == 1).all() and (last.best.system.amplitudes > 0).any()
+
+
+def test_a_held_element_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
+    elements = [dict(element) for element in _CHAINS["phase and amplitude"]]
+    elements[0]["held"] = True
+    system, settings, whole = _chain(*elements), hv.Settings(iterations=8), []
+    start = random_drive(system, 2)
+    for state in hv.iterate(system, _STACK, settings, start=start):
+        whole.append(state)
+        if state.iteration == 3:
+            state.checkpoint().save(tmp_path / "checkpoint.safetensors")
+    found = list(hv.iterate(system, _STACK, settings, resume=load_checkpoint(tmp_path / "checkpoint.safetensors")))
+    assert [s.loss for s in found] == [s.loss for s in whole[4:]]
+    assert np.array_equal(found[-1].best.drive["phase"], start["phase"])
+
+
+def test_a_bench_of_one_modulator_that_is_held_is_a_chain_of_the_same_light() -> None:
+    short, held = (_chain(_pixels("phase", stroke=800 * NM, **keys)) for keys in ({}, {"held": True}))
+    assert not short.is_chain and held.is_chain
+    drive = random_drive(short)
+    seen = [
+        hv.simulate(system, own, backend="torch64").intensity
+        for system, own in ((short, drive), (held, {"phase": drive[:, 0]}))
+    ]
+    np.testing.assert_allclose(seen[1], seen[0], atol=1e-9 * seen[0].max())
+
+
 def _with_five_planes(name: str) -> tuple[System, Any]:
     system = _chain(*_CHAINS[name], frames=2).with_(planes=["2 mm", "2.5 mm", "3 mm", "3.5 mm", "4 mm"])
     return system, np.random.default_rng(6).random((5, *_STACK.shape[1:])).astype(np.float32)

@@ -195,11 +195,12 @@ class ChainLoop:
         self._variables: dict[str, Tensor] = {}
         for name, patterns in work.drive.items():
             own = torch.from_numpy(np.array(patterns)).to(device)
-            variable = (torch.view_as_real(own).clone() if own.is_complex() else own).requires_grad_()
+            variable = torch.view_as_real(own).clone() if own.is_complex() else own
             element = self._elements[name]
             turn = 2 * math.pi * element.stroke_m / middle_m if isinstance(element, PhaseModulator) else 5.0
             self._variables[name] = variable
-            groups.append({"params": [variable], "lr": rate_rad / turn})
+            if not getattr(element, "held", False):
+                groups.append({"params": [variable.requires_grad_()], "lr": rate_rad / turn})
         self._adam = torch.optim.Adam(groups, betas=betas, eps=1e-20)
 
     def light(self) -> ChainLight:

@@ -559,8 +559,9 @@ def _variation(blocks: Tensor) -> Tensor:
 class ChainPatterns:
     """The variables of a chain's patterns: real ones, or real and imaginary part (…, 2) of complex ones.
 
-    start: patterns by the names of all elements, or as a list; None: as `Settings.begin` and `Settings.seed` say.
-    names: of the elements whose patterns these are; all when None.
+    start: patterns by the names of all elements, or as a list; None: as `Settings.begin` and `Settings.seed` say, and
+    of an element that is held one that lets the light through. names: of the elements whose patterns these are; all
+    when None. Raises UserError where patterns are to be found and every element is held.
     """
 
     def __init__(self, system: System, settings: Settings, start: Any, names: Sequence[str] | None = None) -> None:
@@ -575,24 +576,28 @@ class ChainPatterns:
             drive = _first_pattern(element, shape, settings, random) if given is None else np.asarray(given[name])
             tensor = torch.from_numpy(np.array(drive, np.complex64 if np.iscomplexobj(drive) else np.float32))
             self._variables[name] = torch.view_as_real(tensor).clone() if tensor.is_complex() else tensor
-            self._steps[name] = _AMPLITUDE_STEP
-            if isinstance(element, PhaseModulator):
+            self._steps[name] = getattr(element, "step", None) or _AMPLITUDE_STEP
+            if isinstance(element, PhaseModulator) and element.step is None:
                 self._steps[name] = settings.step_rad * middle_m / (2 * math.pi * element.stroke_m)
+        self._moved = [name for name, element in self._elements.items() if not getattr(element, "held", False)]
+        if "patterns" in settings.free and not self._moved:
+            expected = "an element with held = false, or amplitudes alone"
+            raise UserError("free", "patterns, and every element is held", expected=expected)
         self._adams = {name: Adam(v, settings.betas) for name, v in self._variables.items()}
 
     def shown(self) -> dict[str, Tensor]:
         """The patterns, which require gradients."""
         drives = {}
         for name, variable in self._variables.items():
-            variable.requires_grad_()
+            variable.requires_grad_(name in self._moved)
             is_complex = isinstance(self._elements[name], ComplexModulator)
             drives[name] = torch.view_as_complex(variable) if is_complex else variable
         return drives
 
     @property
     def variables(self) -> list[Tensor]:
-        """The variables, in the order of the elements."""
-        return list(self._variables.values())
+        """The variables of the elements that aren't held, in the order of the elements."""
+        return [self._variables[name] for name in self._moved]
 
     def tensors(self) -> dict[str, NDArray[np.floating]]:
         """The variables, Adam's moments and its number of steps, as of `Checkpoint`."""
@@ -602,7 +607,7 @@ class ChainPatterns:
             own = (variable.detach(), adam.first_moment, adam.second_moment)
             for what, tensor in zip(CHAIN_TENSORS, own, strict=False):
                 out[f"{what}/{name}"] = tensor.numpy().copy()
-        return out | {"steps": np.array([float(next(iter(self._adams.values())).step_count)])}
+        return out | {"steps": np.array([float(max(adam.step_count for adam in self._adams.values()))])}
 
     def forget(self) -> None:
         """Begins Adam's moments anew."""
@@ -619,7 +624,7 @@ class ChainPatterns:
 
     def step(self, gradients: Sequence[Tensor], decay: float) -> None:
         """Moves all patterns against the gradients of the `variables`, inside their ranges."""
-        for name, gradient in zip(list(self._variables), gradients, strict=True):
+        for name, gradient in zip(self._moved, gradients, strict=True):
             moved = self._variables[name].detach() - decay * self._steps[name] * self._adams[name].unit_step(gradient)
             if isinstance(self._elements[name], ComplexModulator):
                 size = torch.linalg.vector_norm(moved, dim=-1, keepdim=True)
@@ -628,11 +633,18 @@ class ChainPatterns:
                 self._variables[name] = moved.clamp(0.0, 1.0)
 
 
+def _type_of(element: Element) -> type:
+    """The type of an element's patterns."""
+    return np.complex64 if isinstance(element, ComplexModulator) else np.float32
+
+
 def _first_pattern(
     element: Element, shape: tuple[int, int, int], settings: Settings, random: np.random.Generator
 ) -> NDArray[Any]:
     """Patterns to begin with: phases as `Settings.begin` says; amplitudes near 1, or random where there are levels."""
     noise = random.random(shape)
+    if getattr(element, "held", False):
+        return np.zeros(shape) if isinstance(element, PhaseModulator) else np.ones(shape, _type_of(element))
     if isinstance(element, AmplitudeModulator):
         return noise if element.levels is not None else 0.9 + 0.1 * noise
     if settings.begin == "smooth":

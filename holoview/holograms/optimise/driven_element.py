@@ -61,13 +61,16 @@ class JudgedPattern:
 
 
 def driven_name(system: System, name: str = "") -> str:
-    """The name of the modulator that a named method drives, the first when "". Raises UserError for another one."""
+    """The name of the modulator that a named method drives, when "" the first that isn't held.
+
+    Raises UserError for another one.
+    """
     named = dict(zip(system.element_names, system.elements, strict=True))
     driven = [own for own, e in named.items() if isinstance(e, PhaseModulator | AmplitudeModulator | ComplexModulator)]
     if name and name not in driven:
         found = f'"{name}"' + (f", of kind {named[name].kind}" if name in named else "")
         raise UserError("--modulator", found, expected=", ".join(driven))
-    return name or driven[0]
+    return name or next((own for own in driven if not getattr(named[own], "held", False)), driven[0])
 
 
 def transmission_of(element: Pixels, drive: Tensor, wavelength_m: float) -> Tensor:

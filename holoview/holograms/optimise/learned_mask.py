@@ -57,13 +57,14 @@ def check_learnable(system: System, name: str) -> None:
     """Raises UserError unless the element of this name is a phase modulator that all frames share, beside another."""
     named = dict(zip(system.element_names, system.elements, strict=True)) if system.is_chain else {}
     element = named.get(name)
-    if not isinstance(element, PhaseModulator) or not element.shared:
+    if not isinstance(element, PhaseModulator) or not element.shared or element.held:
         found, remedy = "a bench without elements", "write the bench as elements, and the mask as one of them"
         if named:
             found = "no element" if element is None else f"of kind {element.kind}"
             remedy = suggest_matches(name, named) if element is None else "set shared = true"
         if isinstance(element, PhaseModulator):
-            found += ", with shared = false"
+            found += ", with held = true" if element.shared else ", with shared = false"
+            remedy = "set shared = true and held = false"
         expected = "the name of an element of kind phase with shared = true"
         raise UserError(f'mask "{name}"', found, expected=expected, remedy=remedy)
     if list(system.drive_shapes) == [name]:

@@ -106,7 +106,8 @@ def _describe(element: Element, system: System, pitch_m: float, is_last: bool) -
         text += f", {units.format_rounded(element.stroke_m, 'nm')} of path"
     if isinstance(element, PhaseModulator | AmplitudeModulator):
         text += ", continuous" if element.levels is None else f", {len(element.levels)} levels"
-    return text + (", one pattern of all frames" if getattr(element, "shared", False) else "")
+    text += ", one pattern of all frames" if getattr(element, "shared", False) else ""
+    return text + (", held by the optimiser" if getattr(element, "held", False) else "")
 
 
 def _describe_space(space: Space, system: System, pitch_m: float, is_last: bool) -> str:

@@ -104,32 +104,45 @@ class Pixels(Element):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PhaseModulator(Pixels):
-    """A phase modulator: exp(2πi·drive·stroke/λ). levels: stroke fractions that it can show; None: continuous.
+class ShownPixels(Pixels):
+    """An element that shows patterns, which an optimiser may move.
 
-    shared: whether all frames show one pattern, as a static mask that is sought together with the patterns.
+    shared: whether all frames show one pattern, as a static mask that is sought together with the patterns. held:
+    whether the optimiser leaves its patterns as they are. step: the optimiser's first step, of its range; None: as the
+    optimiser's settings say.
     """
 
-    kind: ClassVar[str] = "phase"
     shared: bool = described_field(Truth(), "Whether all frames show one pattern.", default=False)
+    held: bool = described_field(Truth(), "Whether the optimiser leaves its patterns as they are.", default=False)
+    step: float | None = described_field(
+        Number(low=1e-6, high=1.0, optional=True),
+        "First step of the optimiser, of the range of its patterns; none: as its settings say.",
+        default=None,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PhaseModulator(ShownPixels):
+    """A phase modulator: exp(2πi·drive·stroke/λ). levels: stroke fractions that it can show; None: continuous."""
+
+    kind: ClassVar[str] = "phase"
     stroke_m: float = described_field(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
     levels: NDArray[np.float64] | None = same_field(Modulator, "levels")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AmplitudeModulator(Pixels):
+class AmplitudeModulator(ShownPixels):
     """An amplitude modulator: its drive, 0…1, is the share of the amplitude that passes. levels: of it; 2: binary.
 
     0 passes nothing; limited contrast is the effect `leakage`.
     """
 
     kind: ClassVar[str] = "amplitude"
-    shared: bool = described_field(Truth(), "Whether all frames show one pattern.", default=False)
     levels: NDArray[np.float64] | None = same_field(Modulator, "levels")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ComplexModulator(Pixels):
+class ComplexModulator(ShownPixels):
     """A modulator of amplitude and phase: its drive is complex, of modulus 0…1.
 
     stroke_m: optical path of a whole turn of the drive's phase, which then changes with the wavelength as that of a
@@ -137,7 +150,6 @@ class ComplexModulator(Pixels):
     """
 
     kind: ClassVar[str] = "complex"
-    shared: bool = described_field(Truth(), "Whether all frames show one pattern.", default=False)
     stroke_m: float | None = described_field(
         Number("nm", low=1e-9, high=20e-6, optional=True),
         "Optical path of a whole turn; none: the same phase at all wavelengths.",
@@ -342,7 +354,7 @@ def modulator_of(element: Element) -> Modulator | None:
     """The modulator of the short form that an element is; None for other elements, and away from the axis."""
     if isinstance(element, Pixels) and (any(element.offset_m) or element.beside):
         return None
-    if isinstance(element, PhaseModulator) and not element.shared:
+    if isinstance(element, PhaseModulator) and not (element.shared or element.held or element.step):
         return Modulator(element.pitch_m, element.shape, element.stroke_m, element.levels)
     return Modulator(element.pitch_m, element.shape, content="field") if isinstance(element, FieldPlane) else None
 

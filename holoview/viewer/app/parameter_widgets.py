@@ -194,7 +194,7 @@ def draw_element(context: AppContext, system: System, element: Element, reset: E
     is_space = isinstance(element, Space)
     hidden = ("name", *(fields_by_key(Relay) if is_space else ()))
     if not system.is_chain and isinstance(element, Pixels):
-        hidden = (*hidden, "offset", "shared")
+        hidden = (*hidden, "offset", "shared", "held", "step")
     for key, field in fields_by_key(type(element)).items():
         if key in hidden:
             continue
