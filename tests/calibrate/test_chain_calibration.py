@@ -134,6 +134,7 @@ def test_a_calibration_learns_tables_and_light_and_its_preset_shows_them(
     assert main(["calibrate", str(file), "-o", "c.toml", *options]) == 0
     told = capsys.readouterr()
     assert "to the planes and the camera can't be told apart" in told.err
+    assert "what black pixels of coarse let through is for a diagnosis" in told.err
     scores = {row["group"]: row for row in json.loads(told.out)["scores"] if row["wavelength_nm"] is None}
     before, after = (scores["captures"][when]["chi2_per_pixel"] for when in ("before", "after"))
     assert after < before / 5

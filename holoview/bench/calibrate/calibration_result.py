@@ -60,6 +60,7 @@ from holoview.bench.captures.prepared_captures import FitQuality
 from holoview.light.model import preset
 from holoview.light.model.effects.hook_contexts import ModulatorContext, RelayContext
 from holoview.light.model.effects.learned_maps import LearnedMaps, MapLayout, write_calibration
+from holoview.light.model.elements import AmplitudeModulator
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -504,6 +505,11 @@ class CalibrationTask:
         if len(set(self.captures.distance_m.tolist())) == 1 and not self.captures.is_fourier:
             to_camera = self.layout.relays[1] if self.layout.relays else "relay 2"
             notes.append(f"one plane only: {to_camera} and the camera can't be told apart")
+        chain = self.captures.chain
+        pairs = () if chain is None else zip(chain.element_names, chain.elements, strict=True)
+        if black := [name for name, element in pairs if isinstance(element, AmplitudeModulator)]:
+            which = " and ".join(black)
+            notes.append(f"tables begin at 0: what black pixels of {which} let through is for a diagnosis (--preset)")
         return notes
 
     def train(self, resume: CalibrationCheckpoint | None) -> Iterator[TrainingState]:
