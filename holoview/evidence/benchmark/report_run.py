@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.evidence.benchmark.chain_benchmark import benchmark_chain
 from holoview.evidence.benchmark.frame_benchmark import (
     benchmark_frame,
     first_image_criterion,
@@ -606,6 +605,8 @@ class ReportRun:
     def _beside_torch(self) -> dict[str, Any]:
         options, system = self.options, self.options.middle_system
         if system.is_chain:
+            from holoview.evidence.benchmark.chain_benchmark import benchmark_chain
+
             frame = benchmark_chain(system, self.device, options.rounds)
         else:
             frame = benchmark_frame(system, self.device, options.rounds)
