@@ -230,9 +230,15 @@ def with_changes(system: System, changes: list[str], effects: EffectValues = NO_
     is changed. A value is read as TOML, or as plain text if it isn't TOML."""
     switched = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
     stated = dict(parse_assignment(change) for change in changes)
-    if _is_table(stated.get("observer")):
-        stated["observer"] = load_observer(stated["observer"])
+    if (observer := stated_observer(changes)) is not None:
+        stated["observer"] = observer
     return system.edit({**switched, **stated}) if switched or stated else system
+
+
+def stated_observer(changes: list[str]) -> Any:
+    """The observer among KEY=VALUE texts, a table's being read; None without one."""
+    found = dict(parse_assignment(change) for change in changes).get("observer")
+    return load_observer(found) if _is_table(found) else found
 
 
 def warn_of_camera_effects(system: System) -> None:

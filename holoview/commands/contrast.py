@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from holoview.bench.captures.capture_file import is_capture_file, read_captures
 from holoview.bench.captures.capture_speckle import (
+    CaptureContrast,
+    MeanContrast,
     TogetherContrast,
     capture_noise,
     capture_sets,
@@ -32,6 +34,7 @@ from holoview.commands.arguments import (
     number,
     parse_lengths,
     parse_region,
+    stated_observer,
     system_from_args,
 )
 from holoview.commands.console import print_json, progress_bar
@@ -49,9 +52,11 @@ from holoview.commands.speckle_options import (
     add_place,
     add_target,
     edge_rows,
+    laser_lines,
     meter_from_args,
     speckle_lines,
     target_from_args,
+    visible_lines,
 )
 from holoview.evidence.study.charts import make_figure, retinal_figure, scatter_figure, speckle_figure
 from holoview.evidence.study.study import StudyFigure
@@ -163,11 +168,21 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
 
 
 _CAMERA_OPTIONS = ("dark", "black", "gain", "read_noise", "repeat", "encoded", "saturation", "lasers", "together")
+_NOT_OF_CAPTURES = (
+    *("scheme", "plane", "pupils", "linear", "edge", "target", "depth", "align", "plot", "live", "jpeg"),
+    *("meter", "f_number", "pixel", "bits", "exposure", *_CAMERA_OPTIONS),
+)
+
+
+def _given(args: argparse.Namespace, names: Sequence[str]) -> list[str]:
+    """Those of these options that were given, as they are typed."""
+    stated = [name for name in names if getattr(args, name) is not None and getattr(args, name) is not False]
+    return [f"--{name.replace('_', '-')}" for name in stated]
 
 
 def _is_photograph(args: argparse.Namespace) -> bool:
     """Whether an option says that the pictures are photographs."""
-    return any(getattr(args, name) is not None and getattr(args, name) is not False for name in _CAMERA_OPTIONS)
+    return bool(_given(args, _CAMERA_OPTIONS))
 
 
 def camera_statements(args: argparse.Namespace) -> CameraStatements:
@@ -199,7 +214,7 @@ class _Measured:
     """What is measured, of any source.
 
     what: in words. found: of a region. clipped: share of saturated pixels, clipped_at: from
-    which number. notes: remarks. reading: of the instrument, where one is chosen.
+    which number. notes: remarks. reading: of the instrument, where one is chosen. image: luminance (y, x) of a picture.
     """
 
     what: str
@@ -208,6 +223,7 @@ class _Measured:
     clipped_at: str = ""
     notes: tuple[str, ...] = ()
     reading: MeterReading | None = None
+    image: NDArray[np.floating] | None = None
 
 
 def run(args: argparse.Namespace) -> int:
@@ -215,6 +231,8 @@ def run(args: argparse.Namespace) -> int:
     for flag in ("plot", "scatter"):
         if getattr(args, flag) is not None:
             require_matplotlib(f"--{flag}")
+    if args.align and args.target is None:
+        raise UserError("--align", "without --target", expected="both, or neither")
     if is_capture_file(Path(args.names[0])):
         return _measure_captures(args)
     shown = None if _is_photograph(args) else _shown_hologram(args)
@@ -233,7 +251,7 @@ def run(args: argparse.Namespace) -> int:
         measured = _measured_hologram(args, shown, region, target)
     result = _as_json(measured)
     if args.edge is not None:
-        result["mtf"] = _mtf(args, shown)
+        result["mtf"] = _mtf(args, shown, measured.image)
     draw = speckle_figure(measured.found.pattern)
     if shown is not None and pupils_m:
         target_of = partial(_target_of_eye, target, shown.plane_m, measured.found.displacement_px)
@@ -259,10 +277,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _mtf(args: argparse.Namespace, shown: _ShownHologram | None) -> list[dict[str, Any]]:
+def _mtf(
+    args: argparse.Namespace, shown: _ShownHologram | None, image: NDArray[np.floating] | None
+) -> list[dict[str, Any]]:
     """The MTF of --edge at each focal plane of a hologram, or of a picture; frequencies with an eye also by the degree.
 
-    Raises UserError as `slanted_edge_mtf` does, and for a region outside.
+    image: luminance (y, x) of the picture, linear in light. Raises UserError as `slanted_edge_mtf` does, and for a
+    region outside.
     """
     region = parse_region(args.edge)
     if shown is not None:
@@ -270,7 +291,7 @@ def _mtf(args: argparse.Namespace, shown: _ShownHologram | None) -> list[dict[st
         if all("no_edge" in row for row in rows):
             raise UserError("--edge", rows[0]["no_edge"], expected="a region that a slanted edge divides")
         return rows
-    image = picture_luminance(Path(args.names[0]), is_linear=True, plane_m=_plane_of_light(args)).luminance
+    assert image is not None
     found = slanted_edge_mtf(image, checked_region(region, image.shape, "--edge"))
     return [{"plane": "", **found.as_json(None)}]
 
@@ -326,7 +347,7 @@ def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measu
     target = _picture_target(args, image.luminance.shape)
     found = measure_speckle(image.luminance, chosen, target, image.lasers, is_aligned=args.align)
     own = image.clipped_share, image.clipped_at, image.notes
-    return _Measured(image.description, found, *own)
+    return _Measured(image.description, found, *own, image=image.luminance)
 
 
 def _picture_target(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray[np.floating] | None:
@@ -381,13 +402,18 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
     told = tuple(dict.fromkeys((*notes, *saturated, *added)))
     level = "" if whole.level is None else f"{whole.level:.6g} counts above black"
     names = ", ".join(Path(name).name for name in args.names)
-    return _Measured(f"counts of {names}", found, float(whole.saturated.mean()), level, told)
+    return _Measured(f"counts of {names}", found, float(whole.saturated.mean()), level, told, image=light)
 
 
 def _measure_captures(args: argparse.Namespace) -> int:
     """Prints the contrast of each capture of a file, the mean of each laser, and that of all lasers together."""
     if len(args.names) > 1:
         raise UserError(str(args.names[1]), "beside a capture file", expected="one capture file")
+    refused = _given(args, _NOT_OF_CAPTURES)
+    refused += ["--framing"] if args.framing != FILL else []
+    refused += [] if all(change.startswith("observer=") for change in args.changes) else ["--set"]
+    if refused:
+        raise UserError(refused[0], "with a capture file", expected="--region, --observer, --scatter or --json")
     captures = read_captures(args.names[0])
     region = central_region(captures.images.shape[1:]) if args.region is None else parse_region(args.region)
     x, y, width, height = checked_region(region, captures.images.shape[1:], "--region")
@@ -400,14 +426,22 @@ def _measure_captures(args: argparse.Namespace) -> int:
     if captures.usable is not None and sets:
         notes += ("lasers aren't added: the file leaves pixels out",)
     elif sets:
-        together = TogetherContrast.of([measure_set(captures, one, region, noise) for one in sets])
-        notes += ("lasers are added for equal exposures, the camera responding alike to all",)
+        observer = stated_observer(args.changes) or "eye"
+        together = TogetherContrast.of(measure_set(captures, one, region, noise, observer) for one in sets)
+        notes += ("lasers are added for equal exposures, the camera responding alike to all", *together.found.notes)
+        if together.left_out:
+            notes += (f"{together.left_out} sets of other lasers aren't in the mean",)
+    elif len(means) > 1:
+        notes += ("lasers aren't added: no captures of several lasers show equal patterns at equal distances",)
+    result = _captures_json(args, region, found, means, together, notes)
+    if args.scatter is not None:
+        if together is None:
+            raise UserError("--scatter", "captures whose lasers aren't added", expected="equal patterns for all lasers")
+        draw = _scatter(args, together.found)
+        write_file(args.scatter, figure_bytes(make_figure(StudyFigure("contrast", result["what"], draw)), dpi=150))
+        result["scatter"] = str(args.scatter)
     if args.json:
-        overall = float(np.mean([of.estimate.contrast for of in found]))
-        table = {"what": f"captures of {args.names[0]}", "region": list(region), "contrast": overall}
-        rows_of = {"captures": [of.as_json() for of in found], "lasers": [of.as_json() for of in means]}
-        table |= {} if together is None else {"together": together.as_json()}
-        print_json(table | rows_of | {"notes": list(notes)})
+        print_json(result)
         return 0
     print(f"captures of {args.names[0]}, {width} x {height} pixels at ({x}, {y})")
     for of in means:
@@ -416,9 +450,30 @@ def _measure_captures(args: argparse.Namespace) -> int:
             f"{of.count} captures"
         )
     if together is not None:
-        print(together.in_words())
+        print("\n".join(["", together.in_words(), *laser_lines(together.found), "", *visible_lines(together.found)]))
     print("\n".join(f"note: {note}" for note in notes))
     return 0
+
+
+def _captures_json(
+    args: argparse.Namespace,
+    region: Region,
+    found: Sequence[CaptureContrast],
+    means: Sequence[MeanContrast],
+    together: TogetherContrast | None,
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    """The numbers of a capture file for programs."""
+    overall = float(np.mean([of.estimate.contrast for of in found]))
+    return {
+        "what": f"captures of {args.names[0]}",
+        "region": list(region),
+        "contrast": overall,
+        **({} if together is None else {"together": together.as_json()}),
+        "captures": [of.as_json() for of in found],
+        "lasers": [of.as_json() for of in means],
+        "notes": list(notes),
+    }
 
 
 def _format_result(result: dict[str, Any], measured: _Measured) -> str:
@@ -500,8 +555,9 @@ def _plane_of_light(args: argparse.Namespace) -> float | None:
 
 def _check_picture_options(args: argparse.Namespace) -> None:
     if args.scheme or args.changes or (args.plane and not is_light_file(Path(args.names[0]))):
-        raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
-    if args.meter is not None:
+        what = "--set, --scheme, --observer or --plane"
+        raise UserError(what, "with a picture", expected="a preset or a hologram for these")
+    if meter_from_args(args).name:
         raise UserError("--meter", "with a picture", expected="a preset or a hologram: a picture has its instrument")
     for flag, is_given in (("--depth", args.depth is not None), ("--framing", args.framing != FILL)):
         if is_given:

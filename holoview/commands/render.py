@@ -55,7 +55,7 @@ from holoview.holograms.hologram import Hologram, load_hologram
 from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.metrics.speckle import speckle_contrast
 from holoview.holograms.view import View, field_at, light_numbers, random_drive, simulate
-from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops
+from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops, to_srgb8
 from holoview.light.engine.light_budget import told_light
 from holoview.light.model import preset
 from holoview.light.model.drives import complex_names
@@ -119,6 +119,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="write 16 bits a channel in this colour space, which the file names; 8 bits in sRGB if absent; of an .exr "
         "or .npz the space of its linear RGB",
     )
+    parser.add_argument(
+        "--keep-hues",
+        action="store_true",
+        help="colours that a screen can't show keep their hue, as in the viewer; each channel is clipped if absent",
+    )
     _add_show(parser)
     add_backend(parser)
     add_output(
@@ -176,6 +181,8 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
         print_stderr(f"note: {note}")
     warn_of_camera_effects(system)
     planes_m = _parse_planes(args.plane, system)
+    output = args.output or default_output(system.name, "", ".png")
+    _check_keeps_hues(args, output)
     if args.pupil_path is not None:
         if args.colour_space is not None:
             raise UserError("--colour-space", "with --pupil-path", expected="one of them: moving pictures have 8 bits")
@@ -187,7 +194,6 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     if args.stage is not None or args.laser is not None:
         flag = "--stage" if args.stage is not None else "--laser"
         raise UserError(flag, "without --show", expected=f"--show with it: {', '.join(QUANTITIES)}")
-    output = args.output or default_output(system.name, "", ".png")
     if output.suffix.lower() in LIGHT_SUFFIXES:
         return _write_numbers(args, shown, planes_m, report)
     check_suffix(output, ".png", *LIGHT_SUFFIXES)
@@ -202,11 +208,12 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     saver = ResultSaver()
     space = None if args.colour_space is None else COLOUR_SPACES[args.colour_space]
     stops = _stops(args.exposure, view, system)
-    files = _write_planes(view.exposed(stops), system, paths, stops, space, saver)
+    gamut = "hue" if args.keep_hues else "clip"
+    files = _write_planes(view.exposed(stops), system, paths, stops, (space, gamut), saver)
     if shown.other_side is not None:
         other = _simulated(args, *shown.other_side, planes_m)
         own_stops = _stops(args.exposure, other, system)
-        sharper = _write_planes(other.exposed(own_stops), shown.other_side[0], beside, own_stops, space, saver)
+        sharper = _write_planes(other.exposed(own_stops), shown.other_side[0], beside, own_stops, (space, gamut), saver)
         files += [entry | {"other_side": True} for entry in sharper]
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
@@ -230,6 +237,16 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     return saver.exit_code
 
 
+def _check_keeps_hues(args: argparse.Namespace, output: Path) -> None:
+    """Raises UserError for --keep-hues with what isn't a picture of 8 bits for a screen."""
+    others = {"--colour-space": args.colour_space, "--pupil-path": args.pupil_path, "--show": args.show}
+    found = next((flag for flag, value in others.items() if value is not None), "")
+    if output.suffix.lower() in LIGHT_SUFFIXES:
+        found = str(output)
+    if args.keep_hues and found:
+        raise UserError("--keep-hues", f"with {found}", expected="a PNG of 8 bits, in sRGB")
+
+
 def _write_numbers(
     args: argparse.Namespace,
     shown: ShownSystem,
@@ -250,12 +267,14 @@ def _write_numbers(
     saver = ResultSaver()
     written = saver.save(output, partial(write_light, light=light))
     names = [plane_label(system, plane_m) for plane_m in view.focus_m.tolist()]
-    planes = [
+    planes: list[dict[str, Any]] = [
         {"plane": name, "file": str(written), "light_in_picture": share}
         | {"mean_luminance": float(xyz[..., 1].mean()), "speckle_contrast": _speckle_contrast(xyz[..., 1])}
         for name, xyz, share in zip(names, view.xyz, _light_shares(view, shown), strict=True)
     ]
     if args.json:
+        for entry, budget in zip(planes, _light_budgets(system, shown.drive, planes_m), strict=True):
+            entry["light_budget"] = budget
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": planes}
         result |= {"notes": view.notes, "guesses": shown.guesses, "observer": system.observer}
         report(result | ({"read": shown.read} if shown.read else {}))
@@ -463,12 +482,19 @@ def _plane_paths(output: Path, planes_m: NDArray[np.floating]) -> list[Path]:
 
 
 def _write_planes(
-    view: View, system: System, paths: list[Path], exposure: float, space: ColourSpace | None, saver: ResultSaver
+    view: View,
+    system: System,
+    paths: list[Path],
+    exposure: float,
+    colours: tuple[ColourSpace | None, str],
+    saver: ResultSaver,
 ) -> list[dict[str, Any]]:
     """Writes a PNG for each plane of a view; returns plane, file, contrast and mean luminance of each, for JSON.
 
-    exposure: stops by which the view was brightened, for the file's metadata. space: of 16-bit pictures.
+    exposure: stops by which the view was brightened, for the file's metadata. colours: the space of 16-bit pictures,
+    and how `gamut_map` fits colours into 8 bits.
     """
+    space, gamut = colours
     files = []
     for i, (plane_m, wanted) in enumerate(zip(view.focus_m.tolist(), paths, strict=True)):
         plane = plane_label(system, plane_m)
@@ -481,7 +507,7 @@ def _write_planes(
         }
         luminance = view.xyz[i, ..., 1]
         if space is None:
-            save = partial(write_png, pixels=view.srgb8[i], texts=texts)
+            save = partial(write_png, pixels=to_srgb8(view.rgb[i], gamut), texts=texts)
         else:
             save = partial(write_deep_png, signal=space.encode(view.xyz[i]), space=space, texts=texts)
         path = saver.save(wanted, save)

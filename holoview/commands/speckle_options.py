@@ -148,8 +148,13 @@ def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None
         lines += [] if found.likeness is None else _likeness_lines(found.likeness, found.blur_px, found.left)
     if reading is not None:
         lines.append(f"instrument: {reading.words}")
-    lines += _laser_lines(found) if found.lasers else []
-    lines += [] if found.withheld else ["", "visible?"]
+    lines += laser_lines(found)
+    return lines if found.withheld else [*lines, "", *visible_lines(found)]
+
+
+def visible_lines(found: SpeckleMeasurement) -> list[str]:
+    """The contrasts beside the thresholds of seeing them, a line each below a heading."""
+    lines = ["visible?"]
     for row in visibility(found):
         lines.append(f"{row.what}: {row.contrast:.1%}, threshold {row.threshold:.1%}: {row.verdict} ({row.source})")
     return lines
@@ -172,7 +177,10 @@ def _percent(share: Likeness) -> str:
     return f"{max(100 * share.share, 0):.0f} +- {100 * share.standard_error:.0f} %"
 
 
-def _laser_lines(found: SpeckleMeasurement) -> list[str]:
+def laser_lines(found: SpeckleMeasurement) -> list[str]:
+    """What is known of the lasers, of groups of them and of their colours; none where they weren't measured."""
+    if not found.lasers:
+        return []
     names = [laser.name for laser in found.lasers]
     lines = ["", f"{'laser':<9} {'luminance':>9}  contrast"]
     lines += [f"{of.name:<9} {of.luminance_share:>9.1%}  {_estimate(of.estimate)}" for of in found.lasers]

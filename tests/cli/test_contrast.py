@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from holoview.bench.captures.capture_file import write_captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.commands import cli
 from holoview.holograms.view import simulate
+from holoview.light.colour import srgb_encode
 from holoview.light.model import preset
 from holoview.viewer.document.measurements import measure_region
 from holoview.viewer.page.page import read_page
@@ -194,6 +196,88 @@ def test_a_capture_file_has_a_contrast_for_each_laser(tmp_path: Path, capsys: py
     assert "mean of 3 captures" in capsys.readouterr().out
     assert cli.main(["contrast", str(path), "--region", "90,0,20,20"]) == 2
     assert "--region: 90,0,20,20" in capsys.readouterr().err
+
+
+@pytest.fixture
+def captures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Captures of three lasers that show equal patterns, three sets, as c.h5."""
+    monkeypatch.chdir(tmp_path)
+    system = preset.load("simultaneous").edit({"shape": [32, 48], "planes": ["10 mm"]})
+    settings = AcquisitionSettings(captures_per_condition=3, blur_sigmas_px=(0.0,))
+    made = make_captures(system, settings=settings)
+    levels = made.levels.copy()
+    for wavelength_m in np.unique(made.wavelength_m):
+        own = np.flatnonzero(made.wavelength_m == wavelength_m)
+        levels[own] = np.arange(len(own)).reshape(-1, *[1] * (levels.ndim - 1))
+    write_captures(tmp_path / "c.h5", replace(made, levels=levels))
+    return tmp_path
+
+
+def test_lasers_of_a_capture_file_are_told_as_of_a_hologram(captures: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = _json(capsys, "c.h5", "--scatter", "s.png")
+    together = found["together"]
+    assert together["sets"] == 3 and len(together["correlation"]) == 3 == len(together["lasers"])
+    for group in together["groups"].values():
+        assert group["standard_error"] > 0 and group["independent_grains"] > 1
+    assert together["colour_speckle"]["ellipse_95_area_error"] > 0
+    assert [row["threshold"] for row in together["visibility"]] == [0.03, 0.048, 0.06, 0.069]
+    assert (captures / "s.png").stat().st_size > 1000 and found["scatter"] == "s.png"
+    assert cli.main(["contrast", "c.h5", "--observer", "age 70, field 4"]) == 0
+    said = capsys.readouterr().out
+    for words in ("1/sqrt(N)", "correlation between the lasers' patterns", "(b) colour", "Roelandt", "red  "):
+        assert words in said
+    other = _json(capsys, "c.h5", "--observer", "age 70, field 4")["together"]
+    assert other["contrast"] != together["contrast"]
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--plot=p.png",
+        "--target=c.h5",
+        "--meter=eye",
+        "--plane=1mm",
+        "--gain=2",
+        "--black=0",
+        "--set=eye={}",
+        "--linear",
+    ],
+)
+def test_what_means_nothing_to_a_capture_file_is_refused(
+    captures: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    """An option that changed nothing would leave its user with another number than was asked for."""
+    assert cli.main(["contrast", "c.h5", option]) == 2
+    err = capsys.readouterr().err
+    assert f"{option.split('=')[0]}: with a capture file" in err and err.count("\n") == 1
+    assert not (captures / "p.png").exists()
+
+
+@pytest.mark.parametrize("option", [("--f-number", "4"), ("--bits", "8"), ("--align",), ("--observer", "eye")])
+def test_options_without_their_others_are_refused_with_a_picture(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str], option: tuple[str, ...]
+) -> None:
+    assert cli.main(["contrast", "target.png", *option]) == 2
+    assert option[0] in capsys.readouterr().err
+
+
+def test_an_edge_is_measured_in_light(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:
+    """A box of three samples across has the MTF sinc(3f), a half at 0.201 cycles a sample, whatever encodes the file.
+
+    Taken for light, the signal's edge is steeper on its dark side.
+    """
+    y, x = np.mgrid[:64, :64]
+    edge = 0.02 + 0.9 * np.clip((x - 32 - 0.1 * (y - 32)) / 3 + 0.5, 0, 1)
+    tifffile.imwrite("light.tiff", edge.astype(np.float32))
+    Image.fromarray(np.rint(65535 * srgb_encode(edge)).astype(np.uint16)).save("signal.png")
+    tifffile.imwrite("counts.tiff", np.rint(60000 * edge).astype(np.uint16))
+    arguments = ("--edge", "8,8,48,48")
+    light = _json(capsys, "light.tiff", *arguments)["mtf"][0]["half_cycles_a_sample"]
+    assert light == pytest.approx(0.201, abs=0.01)
+    options = {"signal.png": [()], "counts.tiff": [("--black", "0", "--linear"), ("--linear",)]}
+    for name, more in [(name, more) for name, several in options.items() for more in several]:
+        found = _json(capsys, name, *arguments, *more)["mtf"][0]
+        assert found["half_cycles_a_sample"] == pytest.approx(light, rel=1e-3)  # 16 bits
 
 
 def test_the_mtf_of_an_edge_is_told_by_plane(hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]) -> None:

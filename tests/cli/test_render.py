@@ -13,6 +13,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.holograms.hologram import Hologram
+from holoview.light.colour import srgb_encode
 from holoview.light.gpu.device import Device
 from holoview.light.model import preset
 from tests.pattern_file import write_pattern
@@ -53,6 +54,35 @@ def test_the_middle_plane_of_random_patterns_is_the_default(holoview: Run, tmp_p
     assert "10 mm: holochrome-8.png  raw speckle contrast 0." in outcome.out
     system = _system()
     _assert_golden(tmp_path / "holochrome-8.png", system, hv.random_drive(system, 0), "10 mm")
+
+
+def test_hues_are_kept_on_request_and_numbers_stay(holoview: Run, tmp_path: Path) -> None:
+    """Light brighter than the screen's white is divided by its largest channel, and its channels keep their ratios."""
+    arguments = ("render", "holochrome-8", *TORCH, "--exposure", "2", "--json")
+    clipped = holoview(*arguments, "-o", "clipped.png")
+    kept = holoview(*arguments, "--keep-hues", "-o", "kept.png")
+    assert clipped.code == kept.code == 0
+    numbers = [json.loads(outcome.out)["planes"][0] for outcome in (clipped, kept)]
+    for key in ("speckle_contrast", "mean_luminance", "light_budget"):
+        assert numbers[0][key] == numbers[1][key]
+    system = _system()
+    rgb = hv.simulate(system, hv.random_drive(system, 0), ["10 mm"], "torch64").exposed(2.0).rgb[0]
+    bright = (rgb.min(axis=-1) > 0) & (rgb.max(axis=-1) > 1.01)
+    assert bright.sum() > 50
+    expected = 255 * srgb_encode(rgb[bright] / rgb[bright].max(axis=-1, keepdims=True))
+    assert np.abs(_pixels(tmp_path / "kept.png")[bright] - expected).max() <= GOLDEN_TOLERANCE + 0.5
+    assert np.abs(_pixels(tmp_path / "clipped.png")[bright] - expected).max() > 20
+    for other in (("--colour-space", "p3"), ("--show", "phase"), ("-o", "light.npz")):
+        refused = holoview(*arguments, "--keep-hues", *other)
+        assert refused.code == 2 and "--keep-hues: with" in refused.err and refused.err.count("\n") == 1
+
+
+def test_numbers_of_light_tell_where_the_light_went_as_pictures_do(holoview: Run) -> None:
+    pictures = holoview("render", "holochrome-8", *TORCH, "--plane", "all", "--json")
+    numbers = holoview("render", "holochrome-8", *TORCH, "--plane", "all", "--json", "-o", "light.npz")
+    told = [[plane["light_budget"] for plane in json.loads(of.out)["planes"]] for of in (pictures, numbers)]
+    assert told[0] == told[1] and len(told[0]) == 5
+    assert all(sum(budget.values()) == pytest.approx(1.0, abs=1e-5) for budget in told[0])
 
 
 @pytest.mark.gpu

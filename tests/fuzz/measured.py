@@ -1,4 +1,4 @@
-"""Measured numbers: contrasts, photographs, observers, profiles and decoders, with files and options that don't fit.
+"""Measured numbers: contrasts, photographs, captures, observers, profiles, decoders; files and options that don't fit.
 
 Pictures of a pixel, black ones, of numbers that aren't, of other sizes than their targets and dark pictures; observers
 that nobody is; damaged profiles in pictures, and damaged files of every format that a decoder reads.
@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from typing import TypeVar
 
+import h5py
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
@@ -182,6 +183,31 @@ def _photograph(rng: Random) -> Case:
     return files_case("photographs", " ".join(arguments), files, *arguments, "--json")
 
 
+@cache
+def _captures_in_sets() -> bytes:
+    """A capture file whose lasers show equal patterns."""
+    stream = io.BytesIO(valid("captures")["captures.h5"])
+    with h5py.File(stream, "r+") as h5:
+        levels = h5["slm1/levels"]
+        levels[len(levels) // 2 :] = levels[: len(levels) // 2]
+    return stream.getvalue()
+
+
+def _captures(rng: Random) -> Case:
+    """A capture file, at times damaged, with options that mean nothing to it among others."""
+    name, content = "captures.h5", _captures_in_sets()
+    files = {name: bytes(damage(bytearray(content), rng)) if rng.random() < 0.3 else content}
+    arguments = ["contrast", name, "--json"]
+    for chance, option in (
+        (0.5, ["--region", _mostly(rng, _REGIONS, _WRONG_REGIONS)]),
+        (0.5, ["--observer", _mostly(rng, ("eye", "mono", "age 70, field 4"), ("age 5", "nobody", "x.csv"))]),
+        (0.3, ["--scatter", "s.png"]),
+        (0.1, _pick(rng, (["--plot", "p.png"], ["--meter", "eye"], ["--gain", "2"], ["--set", "eye={}"]))),
+    ):
+        arguments += option if rng.random() < chance else []
+    return files_case("measured captures", " ".join(arguments), files, *arguments)
+
+
 def _observer(rng: Random) -> Case:
     rows = "".join(f"{nm},{','.join(f'{v:.4f}' for v in rng.random(3))}\n" for nm in range(380, 781, 20))
     table = bytes(damage(bytearray(f"nm,l,m,s\n{rows}".encode()), rng))
@@ -257,6 +283,7 @@ MAKERS: dict[str, Callable[[Random], Case]] = {
     "measured holograms": _hologram,
     "files of light": _light,
     "photographs": _photograph,
+    "measured captures": _captures,
     "observers": _observer,
     "profiles": _profile,
     "decoders": _decoder,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from holoview.bench.captures.dataset import Captures
+from holoview.holograms.metrics.colour_speckle import mean_colour
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate
 from holoview.holograms.metrics.speckle import SpecklePattern
 from holoview.holograms.metrics.speckle_measurement import SpeckleMeasurement, images_of_lasers, measure_speckle
@@ -128,68 +129,95 @@ def capture_sets(captures: Captures) -> list[list[int]]:
 
 
 def measure_set(
-    captures: Captures, chosen: Sequence[int], region: Region, noise: PixelNoise | None
+    captures: Captures, chosen: Sequence[int], region: Region, noise: PixelNoise | None, observer: str = "eye"
 ) -> SpeckleMeasurement:
-    """All lasers of a set together: their captures added as the observer "eye" weighs them, for equal exposures.
+    """All lasers of a set together: their captures added as an observer weighs them, for equal exposures.
 
-    The camera is taken to respond alike to all lasers. Raises UserError for a region without light.
+    The camera is taken to respond alike to all lasers. Raises UserError for a region without light, and for lasers that
+    the observer's table doesn't reach.
     """
     wavelengths_m, exposures_s = captures.wavelength_m[chosen], captures.exposure_s[chosen]
     counts = captures.images[list(chosen)].astype(np.float64) - captures.camera.black_level
-    colours = observer_weights("eye", wavelengths_m) * (exposures_s.max() / exposures_s)[:, None]
+    colours = observer_weights(observer, wavelengths_m) * (exposures_s.max() / exposures_s)[:, None]
     lasers = replace(images_of_lasers(wavelengths_m, colours, counts), noise=noise)
     luminance = np.tensordot(lasers.luminances, counts, axes=1)
     of_sum = noise and SumNoise.of(lasers.luminances, counts, noise)
     return measure_speckle(luminance, region, None, lasers, of_sum)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TogetherContrast:
-    """Means over sets of captures.
+    """What sets of captures of the same lasers have together.
 
-    count: of the sets. contrast: of the luminance, and its standard error, by the scatter between sets, or for a single
-    one by its grains. groups: contrasts of lasers by the names of their groups.
+    count: of the sets. found: each number is the mean over them, with the standard error of the scatter between sets,
+    or for a single set that of its grains; grains and pixels add up. pattern, and the scatter of colours: of the first.
+    left_out: how many sets have other lasers.
     """
 
     count: int
-    contrast: float
-    standard_error: float
-    one_by_one: float
-    groups: dict[str, float]
-    patterns_of_powers: float
-    patterns_of_correlation: float
+    found: SpeckleMeasurement
+    left_out: int = 0
 
     @staticmethod
-    def of(found: Sequence[SpeckleMeasurement]) -> TogetherContrast:
-        """The means over sets, at least one."""
-        contrast, error = _mean_and_error([one.luminance for one in found])
-        names = [name for name in found[0].groups if all(name in one.groups for one in found)]
-        groups = {name: float(np.mean([one.groups[name].contrast for one in found])) for name in names}
-        means = [
-            float(np.mean([getattr(one, name) for one in found]))
-            for name in ("one_by_one", "patterns_of_powers", "patterns_of_correlation")
-        ]
-        return TogetherContrast(len(found), contrast, error, means[0], groups, means[1], means[2])
+    def of(sets: Iterable[SpeckleMeasurement]) -> TogetherContrast:
+        """The means over sets, at least one; those of other lasers than most of them are left out."""
+        by_lasers: dict[tuple[str, ...], list[SpeckleMeasurement]] = {}
+        for one in sets:
+            alike = by_lasers.setdefault(tuple(laser.name for laser in one.lasers), [])
+            alike.append(_without_samples(one, alike[0]) if alike else one)
+        most = max(by_lasers.values(), key=lambda alike: (len(alike), len(alike[0].lasers)))
+        return TogetherContrast(len(most), _mean_measurement(most), sum(map(len, by_lasers.values())) - len(most))
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""
-        return {
-            "sets": self.count,
-            "contrast": self.contrast,
-            "standard_error": self.standard_error,
-            "one_by_one_contrast": self.one_by_one,
-            "groups": self.groups,
-            "n_eff_powers": self.patterns_of_powers,
-            "n_eff_correlation": self.patterns_of_correlation,
-        }
+        return {"sets": self.count, "sets_of_other_lasers": self.left_out, **self.found.as_json()}
 
     def in_words(self) -> str:
-        """For people."""
-        groups = ", ".join(f"{name} {contrast:.4f}" for name, contrast in self.groups.items())
+        """For people, in a line."""
+        contrast = self.found.luminance
         return (
-            f"all lasers together: speckle contrast {self.contrast:.4f} +- {self.standard_error:.2g}, mean of "
-            f"{self.count} {'sets' if self.count > 1 else 'set'} of captures with equal patterns; from the lasers one "
-            f"by one, taken as independent: {self.one_by_one:.4f}\n"
-            f"independent patterns: {self.patterns_of_powers:.2f} from powers, {self.patterns_of_correlation:.2f} from "
-            f"correlations; groups: {groups}"
+            f"all lasers together: speckle contrast {contrast.contrast:.4f} +- {contrast.standard_error:.2g}, mean of "
+            f"{self.count} {'sets' if self.count > 1 else 'set'} of captures with equal patterns, of "
+            f"{contrast.grains.count:.0f} independent grains"
         )
+
+
+def _without_samples(one: SpeckleMeasurement, first: SpeckleMeasurement) -> SpeckleMeasurement:
+    """A measurement whose pixels are no longer held: those of the first are shown."""
+    colours = (None if of is None else of.without_samples() for of in (one.colour, one.independent_colour))
+    return replace(one, pattern=first.pattern, **dict(zip(("colour", "independent_colour"), colours, strict=True)))
+
+
+def _mean_measurement(sets: Sequence[SpeckleMeasurement]) -> SpeckleMeasurement:
+    """The mean over sets of the same lasers; the notes are those of the set that has most of them."""
+    first = sets[0]
+    if len(sets) == 1:
+        return first
+    lasers = [
+        replace(
+            laser,
+            luminance_share=float(np.mean([of.lasers[i].luminance_share for of in sets])),
+            estimate=_mean_estimate([of.lasers[i].estimate for of in sets]),
+        )
+        for i, laser in enumerate(first.lasers)
+    ]
+    return replace(
+        first,
+        luminance=_mean_estimate([of.luminance for of in sets]),
+        mean=float(np.mean([of.mean for of in sets])),
+        pixels=sum(of.pixels for of in sets),
+        raw_contrast=float(np.mean([of.raw_contrast for of in sets])),
+        lasers=tuple(lasers),
+        groups={name: _mean_estimate([of.groups[name] for of in sets]) for name in first.groups},
+        correlation=np.mean([of.correlation for of in sets], axis=0),
+        colour=mean_colour([of.colour for of in sets]),
+        independent_colour=mean_colour([of.independent_colour for of in sets]),
+        notes=max(sets, key=lambda of: len(of.notes)).notes,
+    )
+
+
+def _mean_estimate(estimates: Sequence[ContrastEstimate]) -> ContrastEstimate:
+    grains = estimates[0].grains
+    count = sum(of.grains.count for of in estimates)
+    share = float(np.mean([of.noise_share for of in estimates]))
+    return ContrastEstimate(*_mean_and_error(estimates), replace(grains, count=count), share)

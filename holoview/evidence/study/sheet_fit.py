@@ -6,7 +6,9 @@ wider than those of common sans-serif types are on average, so that heights are 
 
 from __future__ import annotations
 
-import textwrap
+import math
+import re
+import unicodedata
 from collections.abc import Callable, Sequence
 
 Block = Callable[[float], float]
@@ -16,7 +18,7 @@ SHEET_MM = (186.0, 275.0)
 """Width and height inside the margins of a sheet of A4."""
 
 _POINT_MM = 25.4 / 72
-_LETTER = 0.58  # mean width of a letter over the size of its type; DejaVu Sans, a wide one, has 0.48 to 0.56
+_LETTER_EM, _UPPER_EM, _DIGIT_EM = 0.58, 0.78, 0.64  # widths; DejaVu Sans, a wide type, has means of 0.56, 0.70, 0.64
 _LINE = 1.36  # height of a line over the size of its type
 _SPARE = 0.97  # of a sheet's height that is filled
 _ZOOMS = [0.02 * step for step in range(50, 4, -1)]  # from 1 to 0.1
@@ -62,5 +64,20 @@ def fitting_zoom(block: Block) -> float:
 
 
 def _lines(words: str, width_mm: float, points: float) -> int:
-    letters = max(1, int(width_mm / (_LETTER * points * _POINT_MM)))
-    return max(1, len(textwrap.wrap(words, letters)))
+    """Lines of a paragraph, broken at spaces and hyphens, and within words that are longer than a line."""
+    line_em, count, used_em = width_mm / (points * _POINT_MM), 1, 0.0
+    for part in re.findall(r"\s+|[^\s-]*-|[^\s-]+", words):
+        part_em = sum(map(_letter_em, part))
+        if used_em + part_em <= line_em or part.isspace():
+            used_em += part_em
+            continue
+        further = math.ceil(part_em / line_em) - 1
+        count, used_em = count + further + (used_em > 0), part_em - further * line_em
+    return count
+
+
+def _letter_em(letter: str) -> float:
+    """The width of a letter over the size of its type."""
+    if letter in "MWmw%@" or unicodedata.east_asian_width(letter) in "WF":
+        return 1.0
+    return _UPPER_EM if letter.isupper() else _DIGIT_EM if letter.isdigit() else _LETTER_EM

@@ -16,8 +16,8 @@ in σ/s: pixels whose light isn't five times its noise have no colour, and don't
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,10 @@ class ColourSpeckle:
     def jzazbz_scatter(self) -> float:
         """Root mean square distance from the mean in Jzazbz."""
         return math.sqrt(max(float(np.trace(self.covariance_jzazbz)), 0.0))
+
+    def without_samples(self) -> ColourSpeckle:
+        """The same numbers without the scatter itself."""
+        return replace(self, uv=self.uv[:0], jzazbz=self.jzazbz[:0])
 
     def as_json(self) -> dict[str, Any]:
         """For programs, without the scatter."""
@@ -128,6 +132,33 @@ def colour_speckle(
         jzazbz=uniform,
         noise_share=float(np.trace(uv_noise) / max(np.trace(measured), np.finfo(float).tiny)),
         too_dark=0.0 if noise is None else float(1 - lit.mean()),
+    )
+
+
+def mean_colour(found: Sequence[ColourSpeckle | None]) -> ColourSpeckle | None:
+    """The mean over several regions of the same light, of the first's scatter; None where one has no colour speckle.
+
+    The area is that of the mean covariance; its standard error that of the scatter of areas, where each has one.
+    """
+    known = [of for of in found if of is not None]
+    if len(known) < len(found) or len(known) < 2:
+        return found[0] if len(found) == 1 else None
+
+    def mean(of: Callable[[ColourSpeckle], ArrayLike]) -> Floats:
+        return np.mean([of(one) for one in known], axis=0)
+
+    covariance = mean(lambda one: one.covariance_uv)
+    scatter = float(np.std([one.area for one in known], ddof=1)) / math.sqrt(len(known))
+    return replace(
+        known[0],
+        mean_uv=mean(lambda one: one.mean_uv),
+        covariance_uv=covariance,
+        area=ellipse_area(covariance),
+        area_error=None if any(one.area_error is None for one in known) else scatter,
+        mean_jzazbz=mean(lambda one: one.mean_jzazbz),
+        covariance_jzazbz=mean(lambda one: one.covariance_jzazbz),
+        noise_share=float(mean(lambda one: one.noise_share)),
+        too_dark=float(mean(lambda one: one.too_dark)),
     )
 
 
