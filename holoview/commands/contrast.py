@@ -167,6 +167,10 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jpeg", action="store_true", help="measure a JPEG all the same, whose blocks change speckle")
 
 
+_DECODED = (
+    "its whole numbers are taken as a display's signal, which was decoded: --linear if they are intensity, --dark or "
+    "--black if a camera counted them"
+)
 _CAMERA_OPTIONS = ("dark", "black", "gain", "read_noise", "repeat", "encoded", "saturation", "lasers", "together")
 _NOT_OF_CAPTURES = (
     *("scheme", "plane", "pupils", "linear", "edge", "target", "depth", "align", "plot", "live", "jpeg"),
@@ -214,7 +218,8 @@ class _Measured:
     """What is measured, of any source.
 
     what: in words. found: of a region. clipped: share of saturated pixels, clipped_at: from
-    which number. notes: remarks. reading: of the instrument, where one is chosen. image: luminance (y, x) of a picture.
+    which number; clipping: what that does. notes: remarks. reading: of the instrument, where one is chosen. image:
+    luminance (y, x) of a picture.
     """
 
     what: str
@@ -224,6 +229,7 @@ class _Measured:
     notes: tuple[str, ...] = ()
     reading: MeterReading | None = None
     image: NDArray[np.floating] | None = None
+    clipping: str = ": its contrast comes out too low"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -346,7 +352,8 @@ def _measured_picture(args: argparse.Namespace, region: Region | None) -> _Measu
     chosen = region or central_region(image.luminance.shape)
     target = _picture_target(args, image.luminance.shape)
     found = measure_speckle(image.luminance, chosen, target, image.lasers, is_aligned=args.align)
-    own = image.clipped_share, image.clipped_at, image.notes
+    notes = (*image.notes, *([_DECODED] if image.is_decoded else []))
+    own = image.clipped_share, image.clipped_at, notes
     return _Measured(image.description, found, *own, image=image.luminance)
 
 
@@ -402,7 +409,8 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
     told = tuple(dict.fromkeys((*notes, *saturated, *added)))
     level = "" if whole.level is None else f"{whole.level:.6g} counts above black"
     names = ", ".join(Path(name).name for name in args.names)
-    return _Measured(f"counts of {names}", found, float(whole.saturated.mean()), level, told, image=light)
+    share = float(whole.saturated.mean())
+    return _Measured(f"counts of {names}", found, share, level, told, image=light, clipping="")  # a note tells
 
 
 def _measure_captures(args: argparse.Namespace) -> int:
@@ -494,7 +502,7 @@ def _format_result(result: dict[str, Any], measured: _Measured) -> str:
     lines += speckle_lines(measured.found, measured.reading)
     if result["clipped"] > 0:
         lines.append(
-            f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low (clipped at "
+            f"{result['clipped']:.2%} of the picture is saturated{measured.clipping} (clipped at "
             f"{result['clipped_at']})"
         )
     lines += [f"note: {note}" for note in result["notes"]]

@@ -73,6 +73,16 @@ def test_white_has_its_chromaticity_and_light_of_one_colour_does_not_scatter() -
     assert colour_speckle(np.zeros((10, 3))) is None
 
 
+@pytest.mark.parametrize("count", [2, 4, 1000])
+def test_two_lasers_scatter_along_a_line_that_has_no_area(count: int) -> None:
+    """Rounding leaves a covariance that may be singular or not; the area, and its error, are none either way."""
+    for seed in range(20):
+        light = np.random.default_rng(seed).exponential(size=(count, 2)) @ _laser_xyz()[:2]
+        found = colour_speckle(light, grains=count)
+        assert found is not None and np.trace(found.covariance_uv) > 0
+        assert found.area == 0 and found.area_error is not None and 0 <= found.area_error < 1e-7
+
+
 def test_the_area_of_few_grains_is_as_uncertain_as_said() -> None:
     """The relative deviation of √det of a covariance of n samples is 1/√n: 400 draws know it to 3.5 %, of which 5."""
     rng, n = np.random.default_rng(1), 200

@@ -124,6 +124,9 @@ def test_saturation_is_refused_and_undone_on_request(folder: Path, capsys: pytes
     assert kept["contrast"] == pytest.approx(known, abs=5 * kept["standard_error"])
     assert undone["contrast"] == pytest.approx(1.0, abs=5 * undone["standard_error"])
     assert 0 < undone["standard_error"] < 0.06
+    assert cli.main(["contrast", *arguments, "--saturation", "undo"]) == 0
+    said = capsys.readouterr().out
+    assert "of the picture is saturated (clipped at" in said and "too low" not in said
 
 
 @pytest.mark.parametrize("patterns", [1, 3])

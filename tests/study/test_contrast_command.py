@@ -88,6 +88,7 @@ def test_a_png_holds_a_signal_unless_it_is_said_to_hold_intensity(
         found = _measured(capsys, str(tmp_path / f"{name}.png"), *_whole(), *options)
         assert found["contrast"] == pytest.approx(1, abs=SIGMAS * _scatter(1) + 0.003)
         assert 0 < float(str(found["clipped"])) < 3e-4
+        assert ("which was decoded" in str(found["notes"])) == (not options)
 
 
 def test_saturation_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,6 +38,7 @@ DRAW_SEED = 62906
 """Seed of the colours that are drawn."""
 
 _WHOLE = np.array([1.0, 15.0, 3.0])  # X + 15Y + 3Z, by which chromaticity divides
+_ROUNDING = 1e-12  # of the greater variance of u'v', below which the smaller one is rounding
 _LEAST_SIGMAS = 5.0  # of its noise, in the light of a pixel whose colour counts
 
 
@@ -113,7 +114,8 @@ def colour_speckle(
     uniform, bias, of_noise = _with_noise(lambda values: jzazbz(WHITE_CD_M2 * values), samples, changes)
     measured = np.atleast_2d(np.cov(uv.T, bias=True))
     covariance = measured - uv_noise
-    is_left = bool(np.linalg.eigvalsh(covariance)[0] > 0)
+    least, most = np.linalg.eigvalsh(covariance)
+    is_left = bool(least > _ROUNDING * most > 0)  # the colours of two lasers lie on a line
     area, error = ellipse_area(covariance) if is_left else 0.0, None
     if grains is not None and is_left:
         ratio = np.linalg.solve(covariance, measured)

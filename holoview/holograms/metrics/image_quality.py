@@ -351,7 +351,7 @@ class LuminanceImage:
     description: of the image, for people.
     clipped_share: share of its pixels that are as bright as the file can hold, or as its camera could count; they hide
     the brightest speckle. clipped_at: from which number in the file, in words. notes: remarks on how it was read.
-    lasers: the light of each laser, where it is known.
+    lasers: the light of each laser, where it is known. is_decoded: whether whole numbers were taken as a signal.
     """
 
     luminance: NDArray[np.floating]
@@ -360,6 +360,7 @@ class LuminanceImage:
     clipped_at: str = ""
     notes: tuple[str, ...] = ()
     lasers: LaserImages | None = None
+    is_decoded: bool = False
 
 
 def picture_luminance(path: Path, *, is_linear: bool = False, plane_m: float | None = None) -> LuminanceImage:
@@ -384,7 +385,8 @@ def picture_luminance(path: Path, *, is_linear: bool = False, plane_m: float | N
         luminance, name = values @ SRGB_TO_XYZ[1], f"intensity of {path.name}"
     else:
         luminance, name = read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1], f"luminance of {path.name}"
-    return LuminanceImage(luminance, name, clipped, clipped_at, raster.notes)
+    is_decoded = raster.encoded and not is_linear
+    return LuminanceImage(luminance, name, clipped, clipped_at, raster.notes, is_decoded=is_decoded)
 
 
 def _plane_of(path: Path, light: PlaneLight, plane_m: float | None) -> int:
