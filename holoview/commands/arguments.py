@@ -237,7 +237,7 @@ def with_changes(system: System, changes: list[str], effects: EffectValues = NO_
 
 def stated_observer(changes: list[str]) -> Any:
     """The observer among KEY=VALUE texts, a table's being read; None without one."""
-    found = dict(parse_assignment(change) for change in changes).get("observer")
+    found: Any = dict(parse_assignment(change) for change in changes).get("observer")
     return load_observer(found) if _is_table(found) else found
 
 

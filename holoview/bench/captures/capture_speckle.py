@@ -184,8 +184,8 @@ class TogetherContrast:
 
 def _without_samples(one: SpeckleMeasurement, first: SpeckleMeasurement) -> SpeckleMeasurement:
     """A measurement whose pixels are no longer held: those of the first are shown."""
-    colours = (None if of is None else of.without_samples() for of in (one.colour, one.independent_colour))
-    return replace(one, pattern=first.pattern, **dict(zip(("colour", "independent_colour"), colours, strict=True)))
+    colour, independent = (of and of.without_samples() for of in (one.colour, one.independent_colour))
+    return replace(one, pattern=first.pattern, colour=colour, independent_colour=independent)
 
 
 def _mean_measurement(sets: Sequence[SpeckleMeasurement]) -> SpeckleMeasurement:

@@ -147,7 +147,7 @@ def mean_colour(found: Sequence[ColourSpeckle | None]) -> ColourSpeckle | None:
         return found[0] if len(found) == 1 else None
 
     def mean(of: Callable[[ColourSpeckle], ArrayLike]) -> Floats:
-        return np.mean([of(one) for one in known], axis=0)
+        return np.mean([np.asarray(of(one)) for one in known], axis=0)
 
     covariance = mean(lambda one: one.covariance_uv)
     scatter = float(np.std([one.area for one in known], ddof=1)) / math.sqrt(len(known))
