@@ -196,9 +196,10 @@ def test_any_report_prints_to_two_sheets(browser: Browser, tmp_path: Path, count
         replace(of, name=f"{'long-name-' * 7}{of.name}", edge=edge, measured=replace(one.measured, reading=reading))
         for of in plain
     ]
+    wide = [replace(of, name=letters * 40) for of in plain for letters in ("全", "WM")][:count]  # as wide as high
     claims = [parse_claim(f"C < 0.{n}") for n in range(10, 26)]
     sizes = []
-    for number, (reviewed, told, words) in enumerate(((plain, claims[:2], 30), (long, claims, 700))):
+    for number, (reviewed, told, words) in enumerate(((plain, claims[:2], 30), (long, claims, 700), (wide, claims, 9))):
         command, file = "holoview report " + "x/y " * words, tmp_path / f"{number}.html"
         file.write_text(report_html(reviewed, told, title="t" * words, command=command, seeds={}), encoding="utf-8")
         page = browser.open(file.as_uri(), 703, 1000)  # 186 mm, inside the margins
