@@ -182,18 +182,11 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     warn_of_camera_effects(system)
     planes_m = _parse_planes(args.plane, system)
     output = args.output or default_output(system.name, "", ".png")
-    _check_keeps_hues(args, output)
+    _check_options(args, output)
     if args.pupil_path is not None:
-        if args.colour_space is not None:
-            raise UserError("--colour-space", "with --pupil-path", expected="one of them: moving pictures have 8 bits")
         return render_path(args, system, drive, planes_m)
-    if args.frames is not None:
-        raise UserError("--frames", "without --pupil-path", expected="both, or neither")
     if args.show is not None:
         return _show_field(args, shown, planes_m, report)
-    if args.stage is not None or args.laser is not None:
-        flag = "--stage" if args.stage is not None else "--laser"
-        raise UserError(flag, "without --show", expected=f"--show with it: {', '.join(QUANTITIES)}")
     if output.suffix.lower() in LIGHT_SUFFIXES:
         return _write_numbers(args, shown, planes_m, report)
     check_suffix(output, ".png", *LIGHT_SUFFIXES)
@@ -237,8 +230,16 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     return saver.exit_code
 
 
-def _check_keeps_hues(args: argparse.Namespace, output: Path) -> None:
-    """Raises UserError for --keep-hues with what isn't a picture of 8 bits for a screen."""
+def _check_options(args: argparse.Namespace, output: Path) -> None:
+    """Raises UserError for options that don't go together, or lack the one that they belong to."""
+    if args.pupil_path is None and args.frames is not None:
+        raise UserError("--frames", "without --pupil-path", expected="both, or neither")
+    if args.pupil_path is not None and args.colour_space is not None:
+        raise UserError("--colour-space", "with --pupil-path", expected="one of them: moving pictures have 8 bits")
+    if args.pupil_path is None and args.show is None:
+        for flag, value in (("--stage", args.stage), ("--laser", args.laser)):
+            if value is not None:
+                raise UserError(flag, "without --show", expected=f"--show with it: {', '.join(QUANTITIES)}")
     others = {"--colour-space": args.colour_space, "--pupil-path": args.pupil_path, "--show": args.show}
     found = next((flag for flag, value in others.items() if value is not None), "")
     if output.suffix.lower() in LIGHT_SUFFIXES:
