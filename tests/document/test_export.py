@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from holoview.holograms.files.light_file import SUFFIXES, read_light
 from holoview.holograms.hologram import load_hologram
 from holoview.holograms.view import simulate
 from holoview.light.colour import D65_WHITE, srgb_encode, to_srgb8
@@ -20,6 +21,7 @@ from holoview.viewer.document.exports import (
     png_bytes,
     save_figure,
     save_hologram,
+    save_light,
     save_page,
     save_planes,
     save_preset,
@@ -117,6 +119,25 @@ def test_every_plane_is_saved_toned_as_it_is_seen(session: EditingSession, tmp_p
     (xyz,) = render_planes(session.system, session.drive, [3e-3])
     with Image.open(tmp_path / "all-3mm.png") as picture:
         assert np.array_equal(np.asarray(picture), tone_map(xyz, session.view_settings))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_light_is_saved_to_the_last_bit_whatever_the_look(session: EditingSession, tmp_path: Path, suffix: str) -> None:
+    session.edit_view("Exposure", exposure_stops=3.0, channel="Y")
+    save_light(session, tmp_path / f"light{suffix}")
+    assert session.wait_until_idle(PATIENCE_S)
+    assert [m.kind for m in session.messages.all] == ["info"], session.messages.all
+    found, known = read_light(tmp_path / f"light{suffix}"), simulate(session.system, session.drive, backend="torch")
+    assert len(found.xyz) == len(session.system.planes_m)
+    for name in found.stored:
+        assert np.array_equal(getattr(found, name), getattr(known, name).astype(np.float32)), name
+    assert set(found.stored) == ({"rgb"} if suffix.startswith(".tif") else {"xyz", "rgb", "intensity"})
+
+
+def test_light_of_another_format_is_refused_before_it_is_computed(session: EditingSession, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"\.npz"):
+        save_light(session, tmp_path / "light.jpg")
+    assert session.wait_until_idle(PATIENCE_S) and list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])
