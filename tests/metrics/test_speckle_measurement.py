@@ -98,6 +98,19 @@ def test_a_target_that_is_black_in_the_region_is_told() -> None:
     assert not found.has_target and "black in the region" in " ".join(found.notes)
 
 
+def test_more_contrast_than_speckle_has_is_told_where_one_sample_makes_it() -> None:
+    """A sample of 200 means among 4096: C² = 1 + 200²/4096, about. All of it is in one block, so that C is known to a
+    half of itself, and isn't withheld."""
+    light = np.random.default_rng(8).exponential(size=(64, 64))
+    target = np.full((64, 64, 3), 0.5) + 0.01 * np.arange(64)[:, None] / 64
+    plain = measure_speckle(light, (0, 0, 64, 64), target)
+    assert not any("of 1 at most" in note for note in plain.notes)
+    light[20, 30] = 200.0
+    found = measure_speckle(light, (0, 0, 64, 64), target)
+    assert not found.withheld and found.luminance.contrast > 2
+    assert any("contrast of 1 at most" in note for note in found.notes)
+
+
 def test_few_grains_are_told() -> None:
     found = measure_speckle(_patterns(1)[0], (0, 0, 4, 4))
     assert "independent grains only" in found.notes[0]

@@ -86,6 +86,9 @@ LEAST_SHARE = 0.5
 MOST_LEFT = 0.2
 """Share of the square of a contrast that isn't speckle above which, by two standard errors, it is withheld."""
 
+MOST_OF_SPECKLE = 1.1
+"""A contrast that is a tenth more than speckle has."""
+
 WIDTHS = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Standard deviations of the blur by which a picture may show its target, in samples."""
 
@@ -94,7 +97,7 @@ _SIGMAS = 2.0
 _LEAST_STRUCTURE = 0.1  # C_T² over C², from which what is left of a target is judged
 _LEAST_CHANGE = 0.01  # of C² by division, from which the share of a target's structure is judged
 _MOST_EDGES = 0.15  # of the variance left
-_MOST_ADDED, _MOST_OF_SPECKLE = 1.05, 1.1  # of the contrast by division; a contrast that is a tenth too large
+_MOST_ADDED = 1.05  # of the contrast by division
 _MOST_UNEVEN = 0.1  # r.m.s. of the brightness
 _OUTLIER, _MAD = 5.0, 1.4826  # standard deviations of a block; a normal law's over the median deviation
 _LEAST_BETTER = 1e-12  # of the squares, by which a blur is better than rounding makes it
@@ -292,7 +295,7 @@ def _why_withheld(
             f"the target isn't what is shown here: division by it raises the contrast from {raw:.3f} to {contrast:.3f}"
             ", and would lower that of a picture which shows it"
         )
-    if contrast > _MOST_OF_SPECKLE and contrast - _SIGMAS * _error_of_blocks(pattern) > 1:
+    if contrast > MOST_OF_SPECKLE and contrast - _SIGMAS * _error_of_blocks(pattern) > 1:
         return f"the target isn't what is shown here: division by it leaves {contrast:.3f}, and speckle has 1 at most"
     if left is None:
         return ""

@@ -32,6 +32,7 @@ from scipy.optimize import nnls
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
 from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate, noise_variance
 from holoview.holograms.metrics.likeness import (
+    MOST_OF_SPECKLE,
     NO_OTHERS,
     BetterTarget,
     Likeness,
@@ -331,6 +332,11 @@ def _notes_beside_target(measured: LuminanceContrast) -> Iterator[str]:
         return
     if measured.doubt:
         yield measured.doubt
+    if measured.estimate.contrast > MOST_OF_SPECKLE:
+        yield (
+            f"speckle has a contrast of 1 at most, and {measured.estimate.contrast:.3f} is left beside the target: few "
+            "bright samples decide it, or the target isn't what is shown"
+        )
     alike = measured.likeness
     if alike is not None and math.isfinite(alike.standard_error) and alike.at_least < 0:
         yield (
