@@ -18,5 +18,7 @@ mailbox           a thread beside its owner: calls in their order or the latest 
 packages          version of the installed package; imports of libraries that a plain installation leaves out
 progress          types of functions that report progress
 figures           figures of matplotlib as files, contact sheets
+drawing           line drawings as data, SVG and PNG
+fonts             the font of texts in pictures
 former_names      names of packages up to 1.0, for files that import them
 """

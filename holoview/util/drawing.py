@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from html import escape
 from io import BytesIO
 
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
+from holoview.util.fonts import picture_font
 from holoview.util.text import printable
 
 Place = tuple[float, float]
@@ -46,7 +47,6 @@ _WIDTHS = {
     "glass": 1.5,
 }
 _PNG_SCALE = 2
-_PNG_LETTERS = str.maketrans("×µ", "xu")  # which Pillow's own font lacks
 
 
 @dataclass(frozen=True)
@@ -154,9 +154,8 @@ def as_png(drawing: Drawing) -> bytes:
         else:
             draw.line(points, fill=colour_of(stroke.role), width=round(line_width(stroke.role) * scale), joint="curve")
     for label in drawing.labels:
-        font = ImageFont.load_default(label.size * scale)
-        text = printable(label.text).translate(_PNG_LETTERS)
-        draw.text((label.x * scale, label.y * scale), text, colour_of(label.role), font, anchor="mm")
+        font, at = picture_font(label.size * scale), (label.x * scale, label.y * scale)
+        draw.text(at, printable(label.text), colour_of(label.role), font, anchor="mm")
     buffer = BytesIO()
     image.save(buffer, format="PNG")
     return buffer.getvalue()

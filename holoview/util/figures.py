@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from holoview.util.file_writer import write_file
+from holoview.util.fonts import picture_font
 from holoview.util.packages import import_optional
 from holoview.util.text import printable
 
@@ -51,16 +52,16 @@ def contact_sheet(
     size = (columns * (width + _MARGIN_PX) + _MARGIN_PX, top + sum(heights) + _MARGIN_PX)
     sheet = Image.new("RGB", size, _BACKGROUND)
     draw = ImageDraw.Draw(sheet)
-    draw.text((_MARGIN_PX, _MARGIN_PX), title, _TEXT_COLOUR, _font(_TITLE_PX))
+    draw.text((_MARGIN_PX, _MARGIN_PX), title, _TEXT_COLOUR, picture_font(_TITLE_PX))
     for column, text in enumerate(column_titles):
         corner = (_MARGIN_PX + column * (width + _MARGIN_PX), 2 * _MARGIN_PX + _TITLE_PX)
-        draw.text(corner, text, _TEXT_COLOUR, _font(_COLUMN_TITLE_PX))
+        draw.text(corner, text, _TEXT_COLOUR, picture_font(_COLUMN_TITLE_PX))
     y = top
     for row, pictures, height in zip(rows, scaled, heights, strict=True):
         for column, (tile, picture) in enumerate(zip(row, pictures, strict=True)):
             x = _MARGIN_PX + column * (width + _MARGIN_PX)
             sheet.paste(picture, (x, y))
-            draw.text((x, y + picture.height + 4), tile.caption, _CAPTION_COLOUR, _font(_CAPTION_PX))
+            draw.text((x, y + picture.height + 4), tile.caption, _CAPTION_COLOUR, picture_font(_CAPTION_PX))
         y += height
     return np.asarray(sheet)
 
@@ -70,10 +71,6 @@ def _scaled(pixels: NDArray[np.uint8], width: int) -> Image.Image:
     picture = Image.fromarray(pixels)
     height = round(picture.height * width / picture.width)
     return picture.resize((width, height), Image.Resampling.BOX if picture.width > width else Image.Resampling.NEAREST)
-
-
-def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(size)
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from typing import TypeVar
 import h5py
 import numpy as np
 import OpenEXR
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, features
 
 from tests.fuzz.corpus import HOSTILE, READERS, TORCH
 from tests.fuzz.field_files import MAT_HEADER, NOTES, read_field
@@ -404,8 +404,38 @@ def _exr(rng: Random) -> bytes:
     return file.getvalue()
 
 
+def _webp(rng: Random) -> bytes:
+    """An animation, or one picture, whose canvas, frames, stream and lengths state sizes of their own."""
+
+    def pair() -> bytes:
+        return b"".join((chosen(rng, HUGE) & 0xFFFFFF).to_bytes(3, "little") for _ in range(2))
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        length = len(data) if rng.random() < 0.9 else chosen(rng, HUGE)
+        return name + struct.pack("<I", length) + data + bytes(len(data) % 2)
+
+    stream = chunk(b"VP8L", b"\x2f" + struct.pack("<I", chosen(rng, HUGE) & 0x0FFFFFFF) + bytes(24))
+    frames = chunk(b"ANMF", bytes(6) + pair() + bytes(4) + stream) * int(rng.integers(0, 2000))
+    body = b"WEBP" + chunk(b"VP8X", b"\x02\0\0\0" + pair()) + chunk(b"ANIM", bytes(6)) + (frames or stream)
+    return b"RIFF" + struct.pack("<I", chosen(rng, (len(body), len(body), *HUGE))) + body
+
+
+def _avif(rng: Random) -> bytes:
+    """A picture in boxes, some of whose lengths, sizes, bits and places lie; bare boxes where there is no encoder."""
+    stream = io.BytesIO()
+    if features.check("avif"):
+        Image.new("RGB", (22, 18)).save(stream, "AVIF")
+    data = bytearray(stream.getvalue() or b"\0\0\0\x18ftypavif\0\0\0\0avifmif1\0\0\0\x14ispe" + bytes(12))
+    names = [name for name in (b"ispe", b"pixi", b"av1C", b"iloc", b"meta", b"iprp", b"ipco", b"mdat") if name in data]
+    for _ in range(int(rng.integers(1, 4))):
+        at = data.find(chosen(rng, names)) + chosen(rng, (-4, 4, 8, 12))
+        data[at : at + 4] = struct.pack(">I", chosen(rng, HUGE))
+    return bytes(data)
+
+
 _PICTURES: dict[str, Callable[[Random], bytes]] = {
-    "u.tif": _tiff, "u.png": _png, "u.gif": _gif, "u.bmp": _bmp, "u.pgm": _pgm, "u.exr": _exr
+    "u.tif": _tiff, "u.png": _png, "u.gif": _gif, "u.bmp": _bmp, "u.pgm": _pgm, "u.exr": _exr, "u.webp": _webp,
+    "u.avif": _avif, "u.heic": lambda rng: _avif(rng).replace(b"avif", b"heic"),
 }  # fmt: skip
 
 
@@ -413,15 +443,17 @@ def pictures(rng: Random) -> Case:
     """Pictures whose headers claim much, or whose pages have no end, as fields and as targets."""
     name = chosen(rng, list(_PICTURES))
     data = _PICTURES[name](rng)
-    if rng.random() < 0.6 or name in ("u.gif", "u.bmp", "u.pgm"):
+    is_field = name in ("u.bmp", "u.pgm") or (rng.random() < 0.6 and name not in ("u.webp", "u.avif", "u.heic"))
+    if is_field:
         return field_case("picture headers", name, data)
 
     def read() -> None:
-        from holoview.holograms.files.image_reader import picture_count, read_rasters
+        from holoview.holograms.files.image_reader import animation_count, picture_count, read_rasters
 
         for raster in read_rasters(Path(name)):
             assert raster.values.size
         picture_count(Path(name))
+        animation_count(Path(name))
 
     return Case("picture headers", f"target {name}", lambda folder: write(folder, {name: data}), call=read)
 

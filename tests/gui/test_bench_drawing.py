@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from imgui_bundle import hello_imgui
+from imgui_bundle import hello_imgui, imgui
 
 from holoview.light.model.bench_drawing import draw_bench
 from holoview.viewer.app.panels.drawing import DrawingPanel
@@ -68,3 +68,21 @@ def test_it_is_painted(gui: Gui) -> None:
     assert np.mean(np.all(seen == 255, axis=-1)) > 0.3  # its ground is white
     for colour in ((0xCF, 0xE8, 0xD5), (0x27, 0x36, 0x4B), (0x8F, 0xB7, 0xDD)):  # light, a modulator, a lens
         assert np.any(np.all(np.abs(seen.astype(int) - colour) <= 3, axis=-1)), colour
+
+
+@pytest.mark.parametrize("theme", ("Dark", "Light"))
+def test_in_a_small_window_it_opens_at_a_length_and_scrolls_sideways_only(
+    make_gui: Callable[..., Gui], theme: str
+) -> None:
+    gui = make_gui(small_bench(), (1024, 700))
+    gui.context.set_theme(theme)
+    gui.context.commands.run("Draw the bench")
+    gui.draw_until_idle()
+    gui.draw_frames(3)
+    (strip,) = imgui.internal.find_window_by_name("Drawing").dc.child_windows
+    assert strip.scroll_max.x > 0 and strip.scroll_max.y == 0
+    drawing = draw_bench(gui.session.system)
+    left, _, right, _ = next(box for key, box in drawing.areas if key == "gap")
+    low, _ = gui.item_position("bench drawing", left / drawing.width, 0)
+    high, _ = gui.item_position("bench drawing", right / drawing.width, 0)
+    assert strip.pos.x <= low and high <= strip.pos.x + strip.size.x + 1  # whole pixels

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,9 +12,11 @@ from imgui_bundle import imgui
 
 from holoview.holograms.view import random_drive
 from holoview.light.gpu.device import Device
+from holoview.light.model.system import System
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.speckle import SpecklePanel
 from holoview.viewer.render import light_by_gap, progressive_renderer
+from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.scene import Scene
 from tests.gui.conftest import Gui, small_bench
@@ -123,6 +126,36 @@ def test_the_table_of_gaps_waits_for_jobs(device: Device, monkeypatch: pytest.Mo
     table.wait()
     assert table.ratio(first, moved) is not None
     renderer.close()
+
+
+def test_the_gaps_nearest_to_the_present_one_are_known_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table that was stopped goes on where it was."""
+    monkeypatch.setattr(light_by_gap, "IDLE_BEFORE_TABLE_S", 0.0)
+    computed: list[float | None] = []
+    compute = light_by_gap._powers
+
+    def first_five(system: System, drive: object, stop: threading.Event) -> list[float]:
+        if len(computed) == 5:
+            stop.set()
+            return []
+        computed.append(system.gap_m)
+        return compute(system, drive, stop)
+
+    system = small_bench()
+    first = Scene(system, random_drive(system), 1e-2)
+    near, far = (replace(first, system=system.with_(gap=(system.gap_m or 0.0) * factor)) for factor in (1.05, 1.9))
+    table = LightByGap()
+    with monkeypatch.context() as patched:
+        patched.setattr(light_by_gap, "_powers", first_five)
+        table.prepare(first)
+        table.wait()
+    assert len(computed) == 5
+    assert table.ratio(first, near) is not None and table.ratio(first, far) is None
+    monkeypatch.setattr(light_by_gap, "_powers", lambda *of: computed.append(of[0].gap_m) or compute(*of))
+    table.prepare(first)
+    table.wait()
+    assert table.ratio(first, far) is not None and len(set(computed)) == len(computed)
+    table.close()
 
 
 def test_a_badge_tells_the_quick_image_and_old_figures_are_pale(

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from PIL import Image, ImageFont
+from PIL import Image
 
 from holoview.commands.cli import main
 from holoview.light.model import preset
@@ -18,6 +18,7 @@ from holoview.light.model.elements import Fourier, Lens, Pixels, Space
 from holoview.light.model.fields import field_for
 from holoview.light.model.system import System
 from holoview.util.drawing import Box, Drawing, as_png, as_svg
+from holoview.util.fonts import picture_font
 
 EYE = {"eye.eyepiece": "40 mm", "eye.pupil": "4 mm", "eye.pupil_x": "1.25 mm"}
 FULL = {"relay1.iris_na": 0.02, "relay2.iris_na": 0.021, "relay2.dc_block_na": 0.0008, "relay2.apodisation_na": 0.015}
@@ -43,7 +44,7 @@ def test_no_text_lies_over_another_or_beyond_the_page(name: str) -> None:
     for label in drawing.labels:
         left, upper, right, lower = label.box
         assert left >= 0 and upper >= 0 and right <= drawing.width and lower <= drawing.height, label.text
-        font = ImageFont.load_default(label.size * 4)  # of the PNG; four times as large, so that hinting is small
+        font = picture_font(label.size * 4)  # of the PNG; four times as large, so that hinting is small
         assert font.getlength(label.text) / 4 <= right - left, label.text
     for stroke in drawing.strokes:
         assert all(0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in stroke.points), stroke
@@ -136,6 +137,13 @@ def test_info_writes_the_drawing_as_svg_and_png(
     capsys.readouterr()
     assert main(["info", "holochrome-8", "--draw", "bench.pdf"]) == 2
     assert 'the suffix ".pdf"; expected .svg or .png' in capsys.readouterr().err
+
+
+def test_the_font_of_pictures_has_the_signs_of_drawings() -> None:
+    """A sign that a font lacks is drawn as the same box as any other that it lacks."""
+    font = picture_font(40)
+    shapes = {sign: bytes(font.getmask(sign)) for sign in "\ufffe×µ°ΔλЖ"}
+    assert len(set(shapes.values())) == len(shapes)
 
 
 def test_hostile_names_are_text_in_an_svg() -> None:

@@ -14,7 +14,7 @@ from holoview.holograms.metrics.speckle import independent_patterns
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.theme import laser_colour
-from holoview.viewer.app.widgets import button, tooltip
+from holoview.viewer.app.widgets import button, header, tooltip
 from holoview.viewer.document.focus_edits import dioptres_text, pupil_diameter_m
 
 HEIGHT_EM = 9.5
@@ -122,9 +122,7 @@ def draw_retinal_state(context: AppContext) -> None:
 def draw_retinal_curve(context: AppContext) -> None:
     """Draws the contrast against the pupil, or the button that has it computed."""
     curves = context.retinal_curves
-    if context.session.system.eye is None or not imgui.collapsing_header(
-        "Contrast by the pupil", imgui.TreeNodeFlags_.default_open
-    ):
+    if context.session.system.eye is None or not header("Contrast by the pupil", "By the pupil"):
         return
     job = curves.job
     if job is not None:

@@ -101,6 +101,7 @@ def apply(name: str, text_size: float = 1.0) -> None:
     style.window_rounding = style.popup_rounding = 4.0
     style.window_padding, style.frame_padding = imgui.ImVec2(8, 6), imgui.ImVec2(6, 3)
     style.item_spacing = imgui.ImVec2(6, 5)
+    style.tab_min_width_shrink = float(np.finfo(np.float32).max)  # tabs that have no room scroll, and are read whole
     ground = imgui.ImVec4(0.11, 0.115, 0.125, 1.0) if name == "Dark" else imgui.ImVec4(0.97, 0.97, 0.97, 1.0)
     style.set_color_(imgui.Col_.popup_bg, ground)
     style.set_color_(imgui.Col_.window_bg, ground)

@@ -68,9 +68,10 @@ def share_of_width(count: int) -> float:
     return (imgui.get_content_region_avail().x - (count - 1) * imgui.get_style().item_spacing.x) / count
 
 
-def same_line_for(label: str) -> None:
-    """Has the button of a label stand beside the last item, if the panel has room for it there."""
+def same_line_for(label: str, *, has_arrow: bool = False) -> None:
+    """Has the button, or the combo box, of a label stand beside the last item, if the panel has room for it there."""
     width = imgui.calc_text_size(label).x + 2 * imgui.get_style().frame_padding.x
+    width += imgui.get_frame_height() if has_arrow else 0.0
     right = imgui.get_item_rect_max().x - imgui.get_cursor_screen_pos().x + imgui.get_style().item_spacing.x
     if right + width <= imgui.get_content_region_avail().x:
         imgui.same_line()
@@ -88,6 +89,23 @@ def room_for_labels(*labels: str) -> Iterator[None]:
         yield
     finally:
         imgui.pop_item_width()
+
+
+def header(name: str, short: str = "") -> bool:
+    """Draws the header of a part of a panel, which folds it; returns whether it is open. short: in a narrow panel."""
+    room = imgui.get_content_region_avail().x - 2 * imgui.get_font_size()  # beside the arrow and the edges
+    label = short if short and imgui.calc_text_size(name).x > room else name
+    return bool(imgui.collapsing_header(f"{label}###{name}", imgui.TreeNodeFlags_.default_open))
+
+
+def next_item(label: str, width: float) -> str:
+    """Gives the next item this width, and returns its label; that is written above where it has no room beside it."""
+    room = imgui.get_content_region_avail().x - width - imgui.get_style().item_inner_spacing.x
+    is_above = imgui.calc_text_size(label, hide_text_after_double_hash=True).x > room
+    if is_above:
+        imgui.text_wrapped(label.partition("##")[0])
+    imgui.set_next_item_width(width)
+    return f"##{label}" if is_above else label
 
 
 def combo(label: str, chosen: str, options: Sequence[str], tip: str = "", width: float = 0.0) -> str:

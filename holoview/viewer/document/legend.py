@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from holoview.light.model.eye import sample_degrees
 from holoview.util import units
+from holoview.util.fonts import picture_font
 from holoview.viewer.document.document import Document
 from holoview.viewer.document.focus_edits import dioptres_text
 from holoview.viewer.render.tone_mapping import colour_bar
@@ -95,7 +96,7 @@ def with_notes(pixels: NDArray[np.uint8], document: Document) -> NDArray[np.uint
     A sample of the document is a pixel of the picture.
     """
     view = document.view_settings
-    font = ImageFont.load_default(_TEXT_PX)
+    font = picture_font(_TEXT_PX)
     lines: list[str] = legend_lines(document) if view.has_legend else []
     bars = channel_colours(view) if view.has_legend else None
     if not (view.has_scale_bar or lines):

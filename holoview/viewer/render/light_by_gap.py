@@ -6,16 +6,17 @@ the one for which patterns were found. The brightness of a full frame follows th
     X(gap) = X(last full frame) · Σ_λ p_λ·P_λ(gap)·x_λ / Σ_λ p_λ·P_λ(gap of that frame)·x_λ
 
 p are the powers of the lasers, x their X (or Y, Z) at unit power, and P is interpolated between a few gaps by monotonic
-cubics. That the share of the light that leaves the picture on its way changes with the gap too is left out.
+cubics. The gaps nearest to the present one come first, and are used as soon as they are there. That the share of the
+light that leaves the picture on its way changes with the gap too is left out.
 """
 
 from __future__ import annotations
 
+import bisect
 import math
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,18 +30,48 @@ from holoview.viewer.render.scene import Scene
 
 IDLE_BEFORE_TABLE_S = 2.0
 """The time at rest after which the table is computed, so that no edit waits for a processor."""
-_GAPS = (0.0, 0.2, 0.35, *np.geomspace(0.5, 2.0, 17).tolist(), 2.8, 4.0)  # as multiples of the scene's
+_GAPS = (0.0, 0.2, 0.35, *np.geomspace(0.5, 2.0, 17).tolist(), 2.8, 4.0)  # as multiples of the first scene's
 _MOST_SAMPLES = 2**23  # of a padded grid: some 0.2 s for each laser and gap on a core, and 400 MB
 
 
-@dataclass(frozen=True, eq=False)
 class _Table:
-    """Of a drive and a bench but for its gap: the powers (laser,) behind the last element by the gap, at unit power."""
+    """Of a drive and a bench but for its gap: the powers (laser,) behind the last element by the gap, at unit power.
 
-    drive: Any
-    bench: System
-    longest_m: float
-    powers: Callable[[float], NDArray[np.float64]]
+    gaps_m: where they are computed, in rising order. found: those that are there; None of a gap that the bench can't
+    have.
+    """
+
+    def __init__(self, drive: Any, bench: System, around_m: float) -> None:
+        self.drive, self.bench = drive, bench
+        self.gaps_m: list[float] = (around_m * np.array(_GAPS)).tolist()
+        self.found: dict[float, list[float] | None] = {}
+        self._powers_at: Callable[[float], NDArray[np.float64]] | None = None
+
+    def missing_m(self, near_m: float) -> list[float]:
+        """The gaps that aren't there yet, by their ratio to another one."""
+        left = [gap_m for gap_m in self.gaps_m if gap_m not in self.found]
+        return sorted(left, key=lambda gap_m: abs(math.log(gap_m / near_m)) if gap_m else math.inf)
+
+    def add(self, gap_m: float, powers: list[float] | None) -> None:
+        """Adds the powers of a gap."""
+        from scipy.interpolate import PchipInterpolator  # slow start
+
+        found = self.found | {gap_m: powers}
+        known = {gap_m: powers for gap_m, powers in sorted(found.items()) if powers is not None}
+        if len(known) > 1:
+            self._powers_at = PchipInterpolator(list(known), np.array(list(known.values())))
+        self.found = found  # last: what `holds` tells is there
+
+    def holds(self, gap_m: float) -> bool:
+        """Whether the powers are known on either side of a gap."""
+        above = bisect.bisect_left(self.gaps_m, gap_m)
+        beside = self.gaps_m[max(above - 1, 0) : above + 1]
+        return above < len(self.gaps_m) and all(self.found.get(other_m) is not None for other_m in beside)
+
+    def powers(self, gap_m: float) -> NDArray[np.float64]:
+        """The powers (laser,) at a gap that it holds."""
+        assert self._powers_at is not None
+        return self._powers_at(gap_m)
 
 
 class LightByGap:
@@ -51,7 +82,6 @@ class LightByGap:
 
     def __init__(self) -> None:
         self._table: _Table | None = None
-        self._begun: tuple[Any, System, dict[float, list[float]]] | None = None  # of a drive and a bench, by the gap
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._wanted: Scene | None = None
@@ -72,10 +102,10 @@ class LightByGap:
             self.prepare(self._wanted)
 
     def prepare(self, scene: Scene) -> None:
-        """Begins the table of a scene on a thread, unless it is there; not without a gap, nor for a huge grid."""
+        """Begins the table of a scene on a thread, or goes on; not without a gap, nor for a huge grid."""
         self.stop()
         system, self._wanted = scene.system, scene
-        if self._is_held or system.is_chain or not system.gap_m or self._holds(scene):
+        if self._is_held or system.is_chain or not system.gap_m:
             return
         if math.prod(make_plan(system).grid.padded) <= _MOST_SAMPLES:
             self._stop = threading.Event()
@@ -110,10 +140,13 @@ class LightByGap:
             self._thread.join()
 
     def _holds(self, scene: Scene) -> bool:
-        table, gap_m = self._table, scene.system.gap_m
-        if table is None or not gap_m or table.drive is not scene.drive:
-            return False
-        return bool(gap_m <= table.longest_m) and table.bench == _apart_from_gap(scene.system)
+        gap_m = scene.system.gap_m
+        return self._is_of(scene) and self._table is not None and gap_m is not None and self._table.holds(gap_m)
+
+    def _is_of(self, scene: Scene) -> bool:
+        """Whether the table is of the drive and the bench of a scene."""
+        table = self._table
+        return table is not None and table.drive is scene.drive and table.bench == _apart_from_gap(scene.system)
 
     def _xyz(self, scene: Scene) -> NDArray[np.float64]:
         table, system = self._table, scene.system
@@ -127,23 +160,17 @@ class LightByGap:
     def _fill(self, scene: Scene, stop: threading.Event) -> None:
         if stop.wait(IDLE_BEFORE_TABLE_S):
             return
-        bench, gap_m = _apart_from_gap(scene.system), scene.system.gap_m
+        gap_m, table = scene.system.gap_m, self._table
         assert gap_m is not None
-        if self._begun is None or self._begun[0] is not scene.drive or self._begun[1] != bench:
-            self._begun = scene.drive, bench, {}
-        found = self._begun[2]
-        for gap in (gap_m * np.array(_GAPS)).tolist():
+        if table is None or not self._is_of(scene) or gap_m > table.gaps_m[-1]:
+            table = self._table = _Table(scene.drive, _apart_from_gap(scene.system), gap_m)
+        for other_m in table.missing_m(gap_m):
+            powers = None
             with suppress(UserError):  # a gap that this bench can't have
-                powers = found[gap] if gap in found else _powers(bench.with_(gap=gap), scene.drive, stop)
-                if stop.is_set():
-                    return
-                found[gap] = powers
-        if len(found) > 1:
-            from scipy.interpolate import PchipInterpolator  # slow start
-
-            gaps_m = sorted(found)
-            powers_at = PchipInterpolator(gaps_m, np.array([found[gap] for gap in gaps_m]))
-            self._table = _Table(scene.drive, bench, gaps_m[-1], powers_at)
+                powers = _powers(table.bench.with_(gap=other_m), scene.drive, stop)
+            if stop.is_set():
+                return
+            table.add(other_m, powers)
 
 
 def _apart_from_gap(system: System) -> System:

@@ -74,10 +74,10 @@ class DrawingPanel(Panel):
         least = imgui.get_font_size() / _FONT_PT
         room = imgui.get_content_region_avail()
         scale = min(max(room.x / drawing.width, least), _LARGEST_SCALE * least)
-        if self._is_new and room.y > 1:
-            self._grow_dock(drawing.height * scale + imgui.get_style().scrollbar_size - room.y)
+        if begins := self._is_new and room.y > 1:
+            self._grow_dock(math.ceil(drawing.height * scale + imgui.get_style().scrollbar_size - room.y))
         scale = min(scale, max(room.y / drawing.height, least))
-        self._draw_strip(context, drawing, scale)
+        self._draw_strip(context, drawing, scale, begins=begins)
 
     def _grow_dock(self, missing: float) -> None:
         """Makes its dock higher by what is missing, once after it was opened; a splitter moves it as ever."""
@@ -89,7 +89,8 @@ class DrawingPanel(Panel):
 
     # --- the strip --------------------------------------------------------------------------------------------------
 
-    def _draw_strip(self, context: AppContext, drawing: Drawing, scale: float) -> None:
+    def _draw_strip(self, context: AppContext, drawing: Drawing, scale: float, *, begins: bool) -> None:
+        """Draws it. begins: whether it has just been opened, and the first length is scrolled into view."""
         flags = imgui.WindowFlags_.horizontal_scrollbar
         if imgui.begin_child("drawing", imgui.ImVec2(0, 0), imgui.ChildFlags_.nav_flattened, flags):
             corner = imgui.get_cursor_screen_pos()
@@ -97,6 +98,10 @@ class DrawingPanel(Panel):
             imgui.invisible_button("##bench", size, imgui.ButtonFlags_.enable_nav)
             context.record_item_rect("bench drawing")
             has_keys = imgui.is_item_focused() and imgui.get_io().nav_visible
+            if begins:
+                system = context.session.system
+                right = min(box[2] for key, box in drawing.areas if key == "planes" or _length(system, key)[1])
+                imgui.set_scroll_x(max(right * scale - imgui.get_window_width(), 0.0))
             _paint(drawing, corner, scale)
             self._mark(context, drawing, corner, scale)
             self._answer_mouse(context, drawing, corner, scale)

@@ -21,7 +21,7 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.desktop import copy_picture, paste_picture
 from holoview.viewer.app.file_dialog import AnimationOffer, FileDialog, FileRequest, RecoveryDialog
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import coloured, command_button, pale, share_of_width, tooltip
+from holoview.viewer.app.widgets import coloured, command_button, next_item, pale, share_of_width, tooltip
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.exports import (
     save_figure,
@@ -155,11 +155,10 @@ class FilesPanel(Panel):
             if number % across:
                 imgui.same_line()
             command_button(context, f"{save.name}…", label, width=width, name=f"file: {save.name}")
-        imgui.set_next_item_width(0.35 * share_of_width(1))
-        _, frames = imgui.input_int("frames of an animation", self.frames, 1, 10)
+        width = 0.35 * share_of_width(1)
+        _, frames = imgui.input_int(next_item("frames of an animation", width), self.frames, 1, 10)
         self.frames = min(max(frames, 2), 600)
-        imgui.set_next_item_width(0.35 * share_of_width(1))
-        _, seconds = imgui.input_float("seconds of the sweep", self.seconds, 0.5, 1.0, "%.1f")
+        _, seconds = imgui.input_float(next_item("seconds of the sweep", width), self.seconds, 0.5, 1.0, "%.1f")
         self.seconds = min(max(seconds, 0.1), 600.0)
         _draw_watch(context)
         _draw_jobs(context)

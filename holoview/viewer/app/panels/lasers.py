@@ -15,7 +15,15 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.theme import EYE_RANGE_M, laser_colour
 from holoview.viewer.app.user_input import digit_pressed
-from holoview.viewer.app.widgets import coloured, command_button, fine_drag, fine_slider_int, show_tooltip, tooltip
+from holoview.viewer.app.widgets import (
+    coloured,
+    command_button,
+    fine_drag,
+    fine_slider_int,
+    same_line_for,
+    show_tooltip,
+    tooltip,
+)
 
 _PLOT_RANGE_NM = (390.0, 720.0)
 _EYE_RANGE_NM = (EYE_RANGE_M[0] * 1e9, EYE_RANGE_M[1] * 1e9)
@@ -25,6 +33,7 @@ _CONES = (
     ("S", imgui.ImVec4(0.50, 0.60, 1.0, 0.75)),
 )
 _MAX_LASERS = 32
+_SETS = "Lasers of…"
 _NAME_HEIGHT = 1.08  # of the cones' names in the plot, above the curves, whose maximum is 1
 
 
@@ -137,10 +146,12 @@ class LasersPanel(Panel):
 
     def _draw_buttons(self, context: AppContext, system: System) -> None:
         for command, label in (("Add a laser", "Add"), ("Balance to white", "White"), ("All lasers", "All on")):
+            if label != "Add":
+                same_line_for(label)
             command_button(context, command, label)
-            imgui.same_line()
+        same_line_for(_SETS, has_arrow=True)
         imgui.set_next_item_width(-1)
-        if imgui.begin_combo("##set", "Lasers of…"):
+        if imgui.begin_combo("##set", _SETS):
             for name in preset.names():
                 if imgui.selectable(name, False)[0]:
                     _take_lasers(context, name)
@@ -157,8 +168,9 @@ class LasersPanel(Panel):
         if not imgui.begin_table("lasers", 4, flags):
             return
         imgui.table_setup_scroll_freeze(0, 1)
-        for name, weight in (("", 0.25), ("nm", 1.0), ("power", 1.0), ("solo mute", 1.0)):
-            imgui.table_setup_column(name, imgui.TableColumnFlags_.width_stretch, weight)
+        fixed, stretched = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch
+        for name, kind in (("", fixed), ("nm", stretched), ("power", stretched), ("solo mute", fixed)):
+            imgui.table_setup_column(name, kind)
         imgui.table_headers_row()
         for index in range(len(system.wavelengths_m)):
             imgui.table_next_row()

@@ -14,7 +14,17 @@ from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.plots import draw_retinal_curve, draw_retinal_state
-from holoview.viewer.app.widgets import command_button, dimmed, is_taken_over, share_of_width, tooltip, wrapped_text
+from holoview.viewer.app.widgets import (
+    command_button,
+    dimmed,
+    header,
+    is_taken_over,
+    next_item,
+    room_for_labels,
+    share_of_width,
+    tooltip,
+    wrapped_text,
+)
 from holoview.viewer.document.measurements import ContrastCurve, ImageMeasurements, LineProfile
 from holoview.viewer.document.optimisation_job import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 from holoview.viewer.render.view_settings import NOW
@@ -90,8 +100,8 @@ class SpecklePanel(Panel):
     def _draw_comparison(self, context: AppContext) -> None:
         imgui.separator_text("Colour schemes")
         if context.session.target_spec is not None:
-            imgui.set_next_item_width(6 * imgui.get_font_size())
-            _, self._iterations = imgui.input_int("iterations##showcase", self._iterations, 10, 50)
+            label = next_item("iterations##showcase", 6 * imgui.get_font_size())
+            _, self._iterations = imgui.input_int(label, self._iterations, 10, 50)
             self._iterations = min(max(self._iterations, 0), 1000)
             tooltip("0 takes random patterns for both; else both are optimised for the target, from equal starts.")
         job = self._comparison_job
@@ -129,9 +139,9 @@ def _draw_tools(context: AppContext) -> None:
         imgui.same_line()
     command_button(context, "Forget region, line and cursor", "Forget", width=width)
     state = context.session.document
-    changed, numbers = imgui.input_int4(
-        "x y w h", list(state.measured_region), imgui.InputTextFlags_.enter_returns_true
-    )
+    with room_for_labels("x y w h"):
+        by_enter = imgui.InputTextFlags_.enter_returns_true
+        changed, numbers = imgui.input_int4("x y w h", list(state.measured_region), by_enter)
     changed = is_taken_over(changed)
     tooltip("The region in samples of the image: left, top, width, height. Enter takes them over, Escape drops them.")
     if changed:
@@ -196,11 +206,11 @@ def _row(key: str, value: str, label: str = "") -> None:
 
 
 def _draw_plots(measurements: ImageMeasurements) -> None:
-    if measurements.histogram is not None and _header("Histogram"):
+    if measurements.histogram is not None and header("Histogram"):
         _draw_histogram(measurements.histogram)
-    if measurements.curve is not None and _header("Contrast by wavelengths"):
+    if measurements.curve is not None and header("Contrast by wavelengths", "By wavelengths"):
         _draw_curve(measurements.curve)
-    if measurements.profiles and _header("Profile along the line"):
+    if measurements.profiles and header("Profile along the line", "Profile"):
         _draw_profiles(measurements.profiles)
 
 
@@ -246,7 +256,3 @@ def _draw_profiles(profiles: Sequence[LineProfile]) -> None:
                 colour = theme.signal_colour("warning") if number == 0 else plots.GREY
                 plots.line(f"Y of {other.image}", other.distance_m * 1e3, other.values[:, 0], colour)
     tooltip("Y: luminance. R, G, B: linear sRGB. Of an image beside it, the luminance.")
-
-
-def _header(name: str) -> bool:
-    return bool(imgui.collapsing_header(name, imgui.TreeNodeFlags_.default_open))
