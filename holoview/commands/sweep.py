@@ -34,6 +34,7 @@ from holoview.evidence.sweep.results import (
     tolerance_figure,
     tolerance_json,
     tolerance_lines,
+    withheld_text,
 )
 from holoview.evidence.sweep.tolerance import Tolerance, ToleranceTable, centred_axes, find_limits, parse_tolerance
 from holoview.holograms.optimise.settings import Settings
@@ -177,6 +178,8 @@ def _write(
     """Writes the table and the figure, and prints what was found."""
     rows = runner.rows()
     write_file(args.output, as_csv(axes, rows))
+    if sweep.target is not None and (withheld := withheld_text(rows)):
+        print_stderr(f"note: {withheld}")
     if args.plot is not None:
         panels = len(sweep.measures) if found is None else len(found.limits)
         size = _PANEL_IN[0] * min(panels, 2), _PANEL_IN[1] * -(-panels // 2)

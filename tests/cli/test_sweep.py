@@ -86,6 +86,16 @@ def test_a_point_has_the_numbers_that_contrast_optimise_and_render_print(holovie
     assert float(first["contrast"]) == pytest.approx(rendered["planes"][0]["speckle_contrast"], abs=1e-6)  # rounded
 
 
+def test_a_contrast_that_is_withheld_is_said(holoview: Holoview, picture: Path) -> None:
+    """Random patterns don't show the target."""
+    swept = holoview("sweep", "simultaneous", "--set", "shape=[48,64]", "--set", "planes=10mm", "--set", "gap=1mm,2mm",
+                     "--target", picture, "--measure", "contrast,light", "-o", "s.csv", "--plot", "s.png")  # fmt: skip
+    assert swept.code == 0, swept.err
+    assert {row["contrast"] for row in table(Path("s.csv"))} == {"nan"}
+    assert "note: speckle contrast withheld at 2 of 2 points: the picture doesn't show the target there" in swept.err
+    assert Path("s.png").stat().st_size > 0
+
+
 def test_a_sweep_goes_on_where_it_was_and_computes_anew_what_changed(holoview: Holoview, picture: Path) -> None:
     command = ("sweep", *BENCH, "--set", "gap=1mm:2mm:2", "--target", picture, "--measure", "psnr", "-o", "s.csv")
     assert holoview(*command).code == 0

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -780,6 +781,25 @@ def test_the_image_fills_its_frame_so_that_a_print_distorts_nothing(
             "(({ width, height }) => [width, height])(document.getElementById('frame').getBoundingClientRect())"
         )
         assert abs(box[0] - box[1] * columns / rows) <= 1, (media, box)
+
+
+@needs_chromium
+def test_no_dark_line_stands_beside_the_image_whatever_the_width(
+    browser: Browser, written: Written, tmp_path: Path
+) -> None:
+    """A white target on a white page: wherever the frame ends within a pixel, nothing of it is dark."""
+    white = replace(written.target, stack=np.ones_like(written.target.stack))
+    export_html(tmp_path / "white.html", {"two": written.second}, target=white)
+    page = open_page(browser, tmp_path / "white.html", "", 390, 844)
+    for width in (390, 391, 393, 412):
+        page.set_viewport_size({"width": width, "height": 844})
+        set_state(page, view="target")
+        for shift in (0, 0.25, 0.5, 0.75):
+            page.eval_on_selector("header", f"header => {{ header.style.paddingBottom = '{shift}px' }}")
+            box = page.locator("#frame").bounding_box()
+            shown = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+            rows = slice(int(box["y"]), int(box["y"] + box["height"]) + 2)
+            assert shown[rows].min() > 240, (width, shift)
 
 
 @needs_chromium

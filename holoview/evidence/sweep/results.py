@@ -47,6 +47,13 @@ def as_json(axes: Sequence[Axis], rows: Rows) -> list[dict[str, Any]]:
     ]
 
 
+def withheld_text(rows: Rows) -> str:
+    """At how many points the speckle contrast is withheld, and why; "" where it is nowhere."""
+    withheld = sum(math.isnan(numbers.get("contrast", 0.0)) for _, numbers in rows)
+    where = "the picture doesn't show the target there"
+    return f"speckle contrast withheld at {withheld} of {len(rows)} points: {where}" if withheld else ""
+
+
 def sweep_figure(axes: Sequence[Axis], rows: Rows, names: Sequence[str]) -> Callable[[Figure], None]:
     """A function that draws each measure against the parameter with most values, a curve for each set of the others."""
     along = max(axes, key=lambda axis: (axis.is_numeric, len(axis.values)))
@@ -107,6 +114,12 @@ def _draw_measure(
         y = [numbers[name] for _, numbers in found]
         bars = errors if any(errors) else None
         axes.errorbar(x, y, bars, marker="o", markersize=4, linewidth=1.2, label=label(words))
+    all_found = [numbers[name] for points in curves.values() for _, numbers in points if name in numbers]
+    if name == "contrast" and all(map(math.isnan, all_found)):
+        text = "withheld: the picture\ndoesn't show the target"
+        axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
+        axes.set_xticks([])
+        axes.set_yticks([])
     axes.set_xlabel(label(along.heading))
     axes.set_ylabel(MEASURES[name].title)
     axes.grid(alpha=0.3)

@@ -243,7 +243,7 @@ class Viewer {
     layout() {
         const { width, height } = this.canvas
         const [rows, columns] = this.shape
-        const scale = this.zoom?.scale ?? Math.min(width / columns, height / rows)
+        const scale = this.zoom?.scale ?? Math.max(width / columns, height / rows) // their aspect is the frame's, but for rounding
         const [x, y] = this.zoom ? [this.zoom.x, this.zoom.y] : [columns / 2, rows / 2]
         return { scale, left: width / 2 - x * scale, top: height / 2 - y * scale }
     }
