@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from imgui_bundle import imgui
 
+from holoview.light.model import preset
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
@@ -57,6 +58,23 @@ def test_labels_are_seen_whole_in_text_of_twice_the_size(make_gui: Callable[...,
             if tab.width < tab.content_width - _SLACK_PX:
                 cut.append(f"a tab beside {title}: {tab.width:.0f} of {tab.content_width:.0f}")
     assert cut == []
+
+
+def test_numbers_and_buttons_of_the_lasers_have_room(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(preset.load("holochrome-8").edit({"shape": [64, 96]}), (1024, 700))
+    window, _ = _shown(gui, "Lasers")
+    left, _, right, _ = gui.context.item_rects["nm 1"]
+    assert imgui.calc_text_size("487.14").x <= right - left
+    table = next(child for child in window.dc.child_windows if child.scroll_max.y > 0)
+    assert gui.context.item_rects["remove 1"][2] <= table.inner_rect.max.x
+
+
+def test_the_sheet_of_keys_holds_its_sentence(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(size=(1280, 800))
+    gui.press_chord("?")
+    gui.draw_frames(4)
+    sheet = imgui.internal.find_window_by_name("Keys")
+    assert sheet.content_size.x <= sheet.work_rect.max.x - sheet.work_rect.min.x + _SLACK_PX
 
 
 def test_the_texts_of_the_buttons_for_files_have_room(make_gui: Callable[..., Gui]) -> None:

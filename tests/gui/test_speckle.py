@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,9 @@ import pytest
 
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.speckle import SpecklePanel
+from holoview.viewer.app.panels.view_settings import ViewPanel
+from holoview.viewer.document import optimisation_job
+from holoview.viewer.document.document import Document
 from holoview.viewer.document.file_loader import target_from_pixels
 from holoview.viewer.document.measurements import measure_region
 from holoview.viewer.render.view_settings import NOW
@@ -102,6 +106,28 @@ def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: 
     result = gui.app.panel(SpecklePanel).comparison
     assert result.right.contrast < result.left.contrast
     assert gui.draw_frames(2).std() > 20
+
+
+def test_escape_ends_a_comparison_that_is_still_being_computed(
+    make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gui, may_go_on = make_gui(panels=(ImagePanel, SpecklePanel, ViewPanel)), threading.Event()
+    compute = optimisation_job._document_of_scheme
+
+    def later(*arguments: Any) -> Document:
+        assert may_go_on.wait(PATIENCE_S)
+        return compute(*arguments)
+
+    monkeypatch.setattr(optimisation_job, "_document_of_scheme", later)
+    gui.draw_until_idle()
+    before = gui.session.view_settings
+    gui.press_chord("F5")
+    (job,) = gui.session.jobs.active
+    gui.press_chord("Escape")
+    may_go_on.set()
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    gui.draw_until_idle()
+    assert job.status == "cancelled" and gui.session.view_settings == before
 
 
 def test_with_an_eye_the_panel_speaks_of_the_retina_and_plots_contrast_by_the_pupil(

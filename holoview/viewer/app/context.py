@@ -215,10 +215,12 @@ class HelpOverlay:
             for name, some in pile:
                 _draw_group(name, some)
         imgui.end_table()
+        imgui.push_text_wrap_pos()
         imgui.text_disabled(
             "On the image: wheel zooms about the pointer, Ctrl+wheel changes the focal plane, "
             "drag pans, Shift+drag draws a region, Ctrl+click places the cursor, double click fits."
         )
+        imgui.pop_text_wrap_pos()
 
     def _draw_palette(self) -> None:
         if self._is_new:

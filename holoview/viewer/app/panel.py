@@ -107,6 +107,9 @@ class GuardedPanel(DrawGuard):
         node = imgui.internal.get_current_window().dock_node
         if node is not None and node.local_flags & _BARE != _BARE:
             node.set_local_flags(node.local_flags | _BARE)
+        tabs = None if node is None else node.tab_bar
+        if tabs is not None and tabs.scrolling_anim != tabs.scrolling_target:
+            self._context.window.wake()  # until the tabs that scroll have come to rest
         super().draw()
 
     def _draw_panel(self) -> None:

@@ -43,6 +43,7 @@ _FONTS_OF_SCRIPTS = (
 _BASES = {"Dark": hello_imgui.ImGuiTheme_.darcula_darker, "Light": hello_imgui.ImGuiTheme_.light_rounded}
 TEXT_SIZES = (0.85, 1.0, 1.25, 1.5, 2.0)
 """Sizes of text that can be chosen, as multiples of the usual one."""
+_TAB_PX = 80.0  # to which tabs shrink where they have no room, in text of the usual size
 _SIGNALS = {
     "Dark": {"accent": (0.30, 0.62, 0.95), "warning": (0.95, 0.70, 0.25), "error": (1.0, 0.45, 0.40)},
     "Light": {"accent": (0.04, 0.36, 0.68), "warning": (0.54, 0.35, 0.0), "error": (0.70, 0.15, 0.12)},
@@ -101,7 +102,7 @@ def apply(name: str, text_size: float = 1.0) -> None:
     style.window_rounding = style.popup_rounding = 4.0
     style.window_padding, style.frame_padding = imgui.ImVec2(8, 6), imgui.ImVec2(6, 3)
     style.item_spacing = imgui.ImVec2(6, 5)
-    style.tab_min_width_shrink = float(np.finfo(np.float32).max)  # tabs that have no room scroll, and are read whole
+    style.tab_min_width_shrink = _TAB_PX if text_size <= 1.0 else float(np.finfo(np.float32).max)  # else they scroll
     ground = imgui.ImVec4(0.11, 0.115, 0.125, 1.0) if name == "Dark" else imgui.ImVec4(0.97, 0.97, 0.97, 1.0)
     style.set_color_(imgui.Col_.popup_bg, ground)
     style.set_color_(imgui.Col_.window_bg, ground)

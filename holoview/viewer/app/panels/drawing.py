@@ -27,6 +27,7 @@ _LARGEST_SCALE = 1.5  # over the least, at which its texts are as large as other
 _MOST_SHARE = 0.45  # of the window's height that its dock grows to, whatever the size of text
 _FONT_PT = 14.0  # of a panel's text of usual size
 _PANELS = {"wavelengths": "Lasers", "planes": "Focal plane", "eye": "Eye", "observer": "Lasers"}
+_SEEN_TO = 0.9  # of the panel's width, at which the first length ends when it opens
 _DECADE_PX = 300.0  # of a drag for a factor of ten
 _OFF_COLOUR = imgui.IM_COL32(255, 255, 255, 190)
 
@@ -101,7 +102,7 @@ class DrawingPanel(Panel):
             if begins:
                 system = context.session.system
                 right = min(box[2] for key, box in drawing.areas if key == "planes" or _length(system, key)[1])
-                imgui.set_scroll_x(max(right * scale - imgui.get_window_width(), 0.0))
+                imgui.set_scroll_x(max(right * scale - _SEEN_TO * imgui.get_window_width(), 0.0))
             _paint(drawing, corner, scale)
             self._mark(context, drawing, corner, scale)
             self._answer_mouse(context, drawing, corner, scale)

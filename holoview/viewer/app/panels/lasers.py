@@ -170,7 +170,7 @@ class LasersPanel(Panel):
         imgui.table_setup_scroll_freeze(0, 1)
         fixed, stretched = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch
         for name, kind in (("", fixed), ("nm", stretched), ("power", stretched), ("solo mute", fixed)):
-            imgui.table_setup_column(name, kind)
+            imgui.table_setup_column(name, kind, 1.0 if kind == stretched else 0.0)
         imgui.table_headers_row()
         for index in range(len(system.wavelengths_m)):
             imgui.table_next_row()

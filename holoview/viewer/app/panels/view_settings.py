@@ -14,6 +14,7 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.widgets import button, command_button, fine_slider, fine_slider_int, room_for_labels, tooltip
 from holoview.viewer.document.document import Gesture
+from holoview.viewer.document.optimisation_job import SchemeComparisonJob
 from holoview.viewer.render.view_settings import (
     ACHROMATIC,
     CHANNELS,
@@ -77,7 +78,11 @@ class ViewPanel(Panel):
             partial(_leave, context),
             "Escape",
             "All as before the comparison began; from the light behind an element back to the image.",
-            is_enabled=lambda: session.view_settings.compare != "off" or _shows_light_behind(session.view_settings),
+            is_enabled=lambda: (
+                session.view_settings.compare != "off"
+                or _shows_light_behind(session.view_settings)
+                or bool(_coming(context))
+            ),
         )
         add("Swap A and B", lambda: _swap(context), "X", "A becomes B and B becomes A.")
         add(
@@ -197,9 +202,17 @@ def _shows_light_behind(view: ViewSettings) -> bool:
     return view.page == "field" and view.quantity == "intensity"
 
 
+def _coming(context: AppContext) -> list[SchemeComparisonJob]:
+    """The comparisons of schemes that are being computed, and will be shown."""
+    return [job for job in context.session.jobs.active if isinstance(job, SchemeComparisonJob)]
+
+
 def _leave(context: AppContext) -> None:
-    """Ends a comparison, else the view of the light behind an element."""
-    if context.session.view_settings.compare == "off":
+    """Ends a comparison, be it one that is still being computed, else the view of the light behind an element."""
+    if coming := _coming(context):
+        for job in coming:
+            job.cancel()
+    elif context.session.view_settings.compare == "off":
         context.edit_view("Image", page="image")
     else:
         context.session.end_comparison()
