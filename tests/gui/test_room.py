@@ -60,6 +60,15 @@ def test_labels_are_seen_whole_in_text_of_twice_the_size(make_gui: Callable[...,
     assert cut == []
 
 
+@pytest.mark.parametrize("theme", ["Dark", "Light"])
+def test_all_focal_planes_are_seen_in_a_large_window(make_gui: Callable[..., Gui], theme: str) -> None:
+    gui = make_gui(size=(1920, 1080))
+    gui.context.set_theme(theme)
+    window, _ = _shown(gui, "Focal plane")
+    (strip,) = window.dc.child_windows
+    assert (strip.scroll_max.x, strip.scroll_max.y) == (0, 0)
+
+
 def test_numbers_and_buttons_of_the_lasers_have_room(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(preset.load("holochrome-8").edit({"shape": [64, 96]}), (1024, 700))
     window, _ = _shown(gui, "Lasers")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from holoview.evidence.sweep.axes import Axis, Point, point_text
 from holoview.evidence.sweep.measures import MEASURES
 from holoview.evidence.sweep.tolerance import Limits, ToleranceTable
+from holoview.util import units
 from holoview.util.figures import label
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def tolerance_figure(table: ToleranceTable, rows: Rows) -> Callable[[Figure], No
             for end in (limits.low, limits.high):
                 if end is not None:
                     axes.axvline(axis.shown(end), color="0.5", linewidth=1)
-            axes.set_xlabel(label(axis.heading))
+            axes.set_xlabel(label(units.with_symbols(axis.heading)))
             axes.set_ylabel("loss / tolerance")
             axes.grid(alpha=0.3)
         for unused in panels[len(table.limits) :]:
@@ -120,7 +121,7 @@ def _draw_measure(
         axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
         axes.set_xticks([])
         axes.set_yticks([])
-    axes.set_xlabel(label(along.heading))
+    axes.set_xlabel(label(units.with_symbols(along.heading)))
     axes.set_ylabel(MEASURES[name].title)
     axes.grid(alpha=0.3)
 

@@ -356,8 +356,11 @@ def tile_view_settings(view: ViewSettings) -> ViewSettings:
 # --- A horizontal strip of all focal planes of the system ---
 
 
+_GAP, _LEAST_TILE_EM = 6.0, 3.0  # between tiles; height of one in a strip, in heights of the font
+
+
 class PlaneStrip:
-    """Draws one tile for each plane in a scrollable row."""
+    """Draws one tile for each plane in a row, which scrolls where its tiles would become too small."""
 
     def __init__(self, context: AppContext) -> None:
         self._tiles = PlaneTiles(context, "plane")
@@ -368,10 +371,12 @@ class PlaneStrip:
         if available.y < 24:
             return None
         planes, chosen = previewed_planes(context.session.system), None
-        height = available.y
-        size = tile_size(context.session.document.image_shape, height)
-        if size[0] * len(planes) + 6 * len(planes) > available.x:
-            size = tile_size(context.session.document.image_shape, height - imgui.get_style().scrollbar_size)
+        rows, columns = context.session.document.image_shape
+        height, all_seen = available.y, (available.x / len(planes) - _GAP) * rows / columns
+        if all_seen < height:
+            is_small = all_seen < _LEAST_TILE_EM * imgui.get_font_size()
+            height = height - math.ceil(imgui.get_style().scrollbar_size) if is_small else all_seen
+        size = tile_size((rows, columns), height)
         imgui.begin_child(
             "strip", imgui.ImVec2(0, 0), imgui.ChildFlags_.nav_flattened, imgui.WindowFlags_.horizontal_scrollbar
         )
@@ -385,9 +390,6 @@ class PlaneStrip:
 
 
 # --- A sheet of all focal planes, as large as fits into the image panel ---
-
-
-_GAP = 6.0
 
 
 class PlaneSheet:
