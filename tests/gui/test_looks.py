@@ -81,6 +81,8 @@ def test_signals_and_borders_have_the_contrast_that_wcag_asks_for(gui: Gui, name
             colour = theme.signal_colour(signal)
             assert _contrast(np.array([colour.x, colour.y, colour.z]), _colour(ground)) >= READABLE, (signal, ground)
         assert name == "Dark" or _contrast(_colour(imgui.Col_.border), _colour(ground)) >= 3
+    style = imgui.get_style()
+    assert min(style.window_border_size, style.frame_border_size, style.popup_border_size) == 1
 
 
 def test_names_are_drawn_by_the_fonts_that_the_machine_has(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def apply(name: str, text_size: float = 1.0) -> None:
     bar = imgui.ImVec4(0.07, 0.09, 0.13, 1.0) if name == "Dark" else imgui.ImVec4(0.86, 0.88, 0.92, 1.0)
     for colour in (imgui.Col_.title_bg, imgui.Col_.title_bg_active):
         style.set_color_(colour, bar)
-    style.frame_border_size = style.popup_border_size = 1.0
+    style.frame_border_size = style.popup_border_size = style.window_border_size = 1.0
     if name == "Dark":
         style.set_color_(imgui.Col_.frame_bg, imgui.ImVec4(0.165, 0.175, 0.195, 1.0))
         style.set_color_(imgui.Col_.border, imgui.ImVec4(0.30, 0.31, 0.34, 1.0))
