@@ -67,8 +67,11 @@ def test_a_point_has_the_numbers_that_contrast_optimise_and_render_print(holovie
     assert own["psnr"] == pytest.approx(scores["psnr_db"], rel=1e-9)
     assert own["eyebox"] == pytest.approx(scores["eyebox_uniformity"], rel=1e-9)
     seen = json.loads(holoview("contrast", "h.safetensors", "--target", picture, "--json").out)
-    assert own["contrast"] == pytest.approx(seen["contrast"], rel=1e-9)
-    assert own["contrast_error"] == pytest.approx(seen["standard_error"], rel=1e-9)
+    for name, said in (("contrast", "contrast"), ("contrast_error", "standard_error")):
+        if seen["withheld"]:  # of some seeds' patterns, two iterations don't show the target
+            assert own[name] is None and seen[said] is None
+        else:
+            assert own[name] == pytest.approx(seen[said], rel=1e-9)
     numbers = holoview("render", "h.safetensors", "--backend", "torch", "-o", "seen.npz", "--json")
     (plane,) = json.loads(numbers.out)["planes"]
     assert own["light"] == pytest.approx(plane["light_in_picture"], abs=1e-9)  # which is rounded to 9 digits
