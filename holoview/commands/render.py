@@ -72,31 +72,23 @@ from holoview.viewer.render.view_settings import QUANTITIES
 _UNWRAPPED = "unwrapped-phase"
 
 
+_SEVERAL: dict[str, Any] = {"nargs": "+", "action": "extend"}
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_input(parser, "names", nargs="*", metavar="PRESET|FILE", help=NAMES_HELP)
     add_changes(parser)
     add_effects(parser, dest="switched_on")
     add_input(parser, "--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
-    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    add_input(
-        parser, "--slm1", metavar="PNG", **several, help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
-    )
-    add_input(parser, "--slm2", metavar="PNG", **several, help="pattern of modulator 2, one a frame")
-    add_input(
-        parser,
-        "--patterns",
-        metavar="FOLDER",
-        type=Path,
-        help="patterns as `export --png` writes them: slm1.png, of a chain NAME.png of each element; NAME-frame0.png …",
-    )
+    _add_patterns(parser)
     parser.add_argument(
         "--random", metavar="SEED", type=parse_seed, help="random patterns: speckle (the default, with seed 0)"
     )
     parser.add_argument(
         "--plane",
         metavar="DISTANCE",
-        **several,
+        **_SEVERAL,
         help='e.g. 10mm 11mm, with an eye also 0.5D, or "all"; the middle plane if absent',
     )
     add_input(
@@ -137,6 +129,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print what was made as JSON; of a file, what was read")
     add_field_options(parser)
+
+
+def _add_patterns(parser: argparse.ArgumentParser) -> None:
+    add_input(
+        parser, "--slm1", metavar="PNG", **_SEVERAL, help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
+    )
+    add_input(parser, "--slm2", metavar="PNG", **_SEVERAL, help="pattern of modulator 2, one a frame")
+    add_input(
+        parser,
+        "--patterns",
+        metavar="FOLDER",
+        type=Path,
+        help="patterns as `export --png` writes them: slm1.png, of a chain NAME.png of each element; NAME-frame0.png …",
+    )
 
 
 def _add_show(parser: argparse.ArgumentParser) -> None:

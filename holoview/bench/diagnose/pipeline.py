@@ -105,7 +105,8 @@ _LEAST_LEFT = 0.15
 """[1] Of the time, with less of which no other search begins. Evidence: a reason: its preparation takes as long."""
 _DECIDING_SHARE = 0.1
 """[1] Of the nominal excess χ²/n that light found by speckle leaves at most where brightness decides on unmodulated
-light. Evidence: drawn benches: it was right where 7 % were left and less; what leaves a third lacks other things."""
+light, and where no other search follows. Evidence: drawn benches: it was right where 7 % were left and less; what leaves
+a third lacks other things."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
@@ -243,7 +244,7 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
 
     judged = of_light(window) if window is not None and window.is_first else None
     if judged is not None and (
-        captures.is_fourier or not _is_far(judged) or request.is_asked or has_time.is_nearly_over
+        captures.is_fourier or not _lacks_much(judged) or request.is_asked or has_time.is_nearly_over
     ):
         return told(judged)
     is_later = window is not None and not window.is_first
@@ -255,9 +256,10 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     return told(usual, notes)
 
 
-def _is_far(diagnosis: Diagnosis) -> bool:
-    """Whether it leaves much unexplained."""
-    return diagnosis.verdict in _OPEN and diagnosis.after.chi2_per_pixel > FAR_CHI2
+def _lacks_much(diagnosis: Diagnosis) -> bool:
+    """Whether it leaves so much unexplained that another search may find more."""
+    left = diagnosis.after.chi2_per_pixel
+    return diagnosis.verdict in _OPEN and left > FAR_CHI2 and diagnosis.unexplained > _DECIDING_SHARE
 
 
 class _Clock:
