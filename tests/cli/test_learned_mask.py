@@ -31,7 +31,7 @@ def test_the_command_writes_a_mask_that_a_preset_takes(holoview: Callable[..., O
     values = np.load(mask, allow_pickle=False)
     elements = bench.read_text(encoding="utf-8")
     before, _, after = elements.rpartition('kind = "phase"')
-    held = after.replace("shared = true\n", f'file = "{mask}"\n')
+    held = after.replace("shared = true\nheld = false\n", f'file = "{mask}"\n')
     held_bench = tmp_path / "held.toml"
     held_bench.write_text(f'{before}kind = "mask"{held}', encoding="utf-8")
     system = hv.load(str(held_bench))
