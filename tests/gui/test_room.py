@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from imgui_bundle import imgui
 
+from holoview.evidence.sweep.in_viewer import sweep_document
 from holoview.light.model import preset
 from tests.gui.conftest import Gui
 
@@ -67,6 +68,18 @@ def test_all_focal_planes_are_seen_in_a_large_window(make_gui: Callable[..., Gui
     window, _ = _shown(gui, "Focal plane")
     (strip,) = window.dc.child_windows
     assert (strip.scroll_max.x, strip.scroll_max.y) == (0, 0)
+
+
+def test_a_tab_that_opens_where_tabs_scroll_is_seen_with_its_cross(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(size=(1024, 700))
+    gui.session.sweeper = sweep_document
+    for title in ("Eye", "Sweep"):  # the second of them has no room
+        window, _ = _shown(gui, title)
+    bar = window.dock_node.tab_bar
+    tab = imgui.internal.tab_bar_find_tab_by_id(bar, window.tab_id)
+    room = bar.bar_rect.max.x - bar.bar_rect.min.x
+    assert bar.width_all_tabs > room
+    assert 0 <= tab.offset - bar.scrolling_anim and tab.offset + tab.width - bar.scrolling_anim <= room + _SLACK_PX
 
 
 def test_numbers_and_buttons_of_the_lasers_have_room(make_gui: Callable[..., Gui]) -> None:

@@ -101,15 +101,22 @@ class GuardedPanel(DrawGuard):
     def __init__(self, panel: Panel, context: AppContext) -> None:
         super().__init__(panel.title, self._draw_panel, context.session.messages)
         self.panel, self._context = panel, context
+        self._tab_px = 0.0  # the width of its tab in the last frame
 
     def draw(self) -> None:
         """Draws the panel, in a dock that leaves all the width to its tabs."""
-        node = imgui.internal.get_current_window().dock_node
+        window = imgui.internal.get_current_window()
+        node = window.dock_node
         if node is not None and node.local_flags & _BARE != _BARE:
             node.set_local_flags(node.local_flags | _BARE)
         tabs = None if node is None else node.tab_bar
-        if tabs is not None and tabs.scrolling_anim != tabs.scrolling_target:
-            self._context.window.wake()  # until the tabs that scroll have come to rest
+        if tabs is not None:
+            tab = imgui.internal.tab_bar_find_tab_by_id(tabs, window.tab_id)
+            if tab is not None and tab.width != self._tab_px:  # ImGui scrolls to a new tab, before its cross widens it
+                self._tab_px, tabs.next_scroll_to_tab_id = tab.width, window.tab_id
+                self._context.window.wake()
+            if tabs.scrolling_anim != tabs.scrolling_target:
+                self._context.window.wake()  # until the tabs that scroll have come to rest
         super().draw()
 
     def _draw_panel(self) -> None:
