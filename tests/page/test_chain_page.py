@@ -129,6 +129,7 @@ def test_a_chain_of_every_kind_is_shown_as_simulate_computes_it(browser: Browser
     [
         "high-contrast",
         "etendue-expander",
+        "etendue-expander-2",
         "dynamic-fourier",
         "holochrome-8-static",
         "binary-amplitude",

@@ -329,14 +329,14 @@ def _no_screen(error: BaseException | None) -> UserError:
 
 GRACE_S = 2.0
 """Seconds from the signal that the window's thread has to close the window in good order."""
-_CLOSED, _AFTER_CLOSING_S = 0, 1.0  # in place of a signal's number; what the threads then have to end by themselves
+_CLOSED, _AFTER_CLOSING_S = 0, 0.5  # in place of a signal's number; what the threads then have to end by themselves
 
 
 @contextmanager
 def ending_after_grace(save: Callable[[], bool], grace_s: float = GRACE_S) -> Iterator[Callable[[], None]]:
     """While the block runs, a signal that asks the viewer to end does so after `grace_s`, if the block still runs then.
 
-    Yields a function that says that the window was closed: then the viewer ends after a second likewise, with code 0.
+    Yields a function that says that the window was closed: then the viewer ends after half a second likewise, with code 0.
     Only where this process may be left so (`util.processes.is_left`), and on its main thread. save: called on another
     thread, saves the work; tells whether that worked and nothing else has to be done first, such as switching lasers
     off. Otherwise the block goes on.
