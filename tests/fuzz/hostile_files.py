@@ -25,6 +25,7 @@ import OpenEXR
 from PIL import Image, ImageCms, features
 
 from tests.fuzz.corpus import HOSTILE, READERS, TORCH
+from tests.fuzz.drawn_chains import chains
 from tests.fuzz.field_files import MAT_HEADER, NOTES, read_field
 from tests.fuzz.trial import Case
 from tests.fuzz.valid_files import BENCH, small_system, valid, write
@@ -678,6 +679,7 @@ FAMILIES: dict[str, Maker] = {
     "pushed fields": pushes,
     "measured numbers": measures,
     "sweeps": sweeps,
+    "chains": chains,
 }
 """Each family of hostile files, with what draws one of its cases."""
 

@@ -87,6 +87,11 @@ class Correction(ABC):
         return self.words().sentence
 
     @property
+    def doubt(self) -> str:
+        """What is in doubt where captures can't show this mistake: the finding in words, without its size."""
+        return self.sentence
+
+    @property
     def label(self) -> str:
         """Id and choice."""
         return f"{self.effect} {self.choice}".strip()
@@ -245,13 +250,26 @@ class PatternOffset(Correction):
         return not self.with_settings and len(self.slms) == self.modulators
 
     def words(self) -> Words:
-        which = f" of {self.element or f'modulator {self.slms[0] + 1}'}" if len(self.slms) < self.modulators else ""
-        choice = f"offset:{self.offset:+d}{which}{' with settings' * self.with_settings}"
-        who = f"The patterns{which}{', with their wavelengths, distances, powers and exposures,' * self.with_settings}"
+        choice = f"offset:{self.offset:+d}{self._which}{' with settings' * self.with_settings}"
         count, where = abs(self.offset), "later" if self.offset > 0 else "earlier"
         ends = "" if self.wraps else " Captures whose pattern isn't in the file are left out."
-        sentence = f"{who} stand {count} capture{'s' * (count > 1)} {where} in the file than their pictures.{ends}"
+        sentence = (
+            f"{self._who} stand {count} capture{'s' * (count > 1)} {where} in the file than their pictures.{ends}"
+        )
         return Words("capture_order", choice, sentence)
+
+    @property
+    def doubt(self) -> str:
+        return f"{self._who} stand some captures earlier or later in the file than their pictures."
+
+    @property
+    def _which(self) -> str:
+        return f" of {self.element or f'modulator {self.slms[0] + 1}'}" if len(self.slms) < self.modulators else ""
+
+    @property
+    def _who(self) -> str:
+        settings = ", with their wavelengths, distances, powers and exposures," * self.with_settings
+        return f"The patterns{self._which}{settings}"
 
     def apply(self, captures: Captures) -> Captures:
         levels = captures.levels.copy()

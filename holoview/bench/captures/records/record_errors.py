@@ -188,14 +188,13 @@ class RecordFindings:
 
     corrections: of wrong records; empty where none was found. rivals: other corrections that predict the same.
     correlation: of predicted and measured speckle on the compared captures, as recorded and as corrected. undecided:
-    corrections that these captures can't show, as ids with choices. captures: number of compared captures. seconds: of
-    the search.
+    corrections that these captures can't show. captures: number of compared captures. seconds: of the search.
     """
 
     corrections: Hypothesis = ()
     rivals: tuple[Hypothesis, ...] = ()
     correlation: tuple[float, float] = (float("nan"), float("nan"))
-    undecided: tuple[str, ...] = ()
+    undecided: Hypothesis = ()
     captures: int = 0
     seconds: float = 0.0
 
@@ -219,7 +218,11 @@ class RecordFindings:
             for rival in self.rivals
         ]
         if self.undecided:
-            found.append(f"{_PREFIX}these captures look the same with and without {', '.join(self.undecided)}.")
+            doubts = " ".join(dict.fromkeys(c.doubt for c in self.undecided))
+            found.append(
+                f"{_PREFIX}these captures can't show whether the following is so, and are predicted the same if it is: "
+                f"{doubts}"
+            )
         return found
 
     def as_json(self) -> dict[str, Any]:
@@ -231,7 +234,7 @@ class RecordFindings:
                 name: round(value, 6) if math.isfinite(value) else None
                 for name, value in zip(("as_recorded", "as_corrected"), self.correlation, strict=True)
             },
-            "undecided": list(self.undecided),
+            "undecided": [c.label for c in self.undecided],
             "captures": self.captures,
             "seconds": round(self.seconds, 3),
         }
@@ -528,14 +531,14 @@ class _CorrectionSearch:
             result.append(c)
         return tuple(result)
 
-    def _undecided(self, best: TrialScore) -> tuple[str, ...]:
+    def _undecided(self, best: TrialScore) -> Hypothesis:
         """Further corrections with which the captures would be predicted as well."""
         base, *others = self.trials.score([best.hypothesis, *self._extended(best.hypothesis)], self._chosen.screened)
         if base.significance.max() < CERTAIN_SIGMAS:
             return ()
         added = set(best.hypothesis)
         alike = [s for s in others if self._are_alike(s, base)]
-        return tuple(c.label for s in alike for c in s.hypothesis if c not in added)
+        return tuple(c for s in alike for c in s.hypothesis if c not in added)
 
 
 @dataclass(frozen=True)
