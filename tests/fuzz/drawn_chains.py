@@ -13,7 +13,8 @@ from holoview.light.model.derived_numbers import info_rows
 from tests.fuzz.trial import Case
 
 _WRONG: tuple[Any, ...] = (None, 0, -1, "x", float("nan"), 1e9, [], {}, "8", True, "1e400 um", "ä")
-_KINDS = ("phase", "amplitude", "complex", "mask", "lens", "space", "space", "fourier", "field")
+_MODULATORS = ("phase", "amplitude", "complex")
+_KINDS = (*_MODULATORS, "mask", "mask", "lens", "space", "space", "space", "fourier")
 _SHAPES = ([24, 32], [16, 16], [6, 8], [12, 16], [25, 31])
 
 
@@ -25,7 +26,13 @@ class ChainDrawer:
 
     def table(self) -> dict[str, Any]:
         """A preset."""
-        elements = [self._element() for _ in range(self._random.choice([1, 2, 2, 3, 3, 4, 5]))]
+        count = self._random.choice([1, 2, 2, 3, 3, 4, 5])
+        kinds = self._random.choices(_MODULATORS) + self._random.choices(_KINDS, k=count - 1)
+        if self._random.random() < 0.1:
+            kinds[self._random.randrange(count)] = self._random.choice([*_KINDS, "field"])
+        elements = [self._element(kind) for kind in kinds]
+        if kinds[-1] == "space" and self._random.random() < 0.9:
+            del elements[-1]["distance"]  # the planes tell how far the light goes
         table: dict[str, Any] = {"wavelengths": ["480 nm", "600 nm"], "amplitudes": "white", "elements": elements}
         table["planes"] = self._maybe(self._random.choice([["3 mm"], ["1 mm", "2 mm"], [0]]))
         how = {"upsample": self._random.choice([1, 2]), "propagation": self._random.choice(["linear", "periodic"])}
@@ -37,9 +44,9 @@ class ChainDrawer:
     def _seldom(self, **values: Any) -> dict[str, Any]:
         return values if self._random.random() < 0.2 else {}
 
-    def _element(self) -> dict[str, Any]:
-        kind, choice = self._random.choice(_KINDS), self._random.choice
-        element = {"kind": self._maybe(kind)} | self._seldom(name=choice(["a", "b", "slm"]))
+    def _element(self, kind: str) -> dict[str, Any]:
+        choice = self._random.choice
+        element = {"kind": self._maybe(kind)} | self._seldom(name=choice(["a", "b", "c", "d", "e", "slm"]))
         if kind == "space":
             stops = self._seldom(square=choice(["first order", "first order of phase", 0.02]), iris_na=0.02)
             return element | {"distance": self._maybe(choice(["1 mm", "0 mm"]))} | stops
@@ -47,7 +54,8 @@ class ChainDrawer:
             return element | {"focal_length": self._maybe(choice(["2 mm", "1.5 mm", "20 mm", "5 mm"]))}
         element |= {"pitch": self._maybe(choice(["8 um", "8 um", "4 um", "16 um", "3 um"]))}
         element |= {"shape": self._maybe(choice(_SHAPES))} | self._seldom(offset=["8 um", "0 um"])
-        element |= self._seldom(beside=choice(["phase", "slm", "amplitude"]))
+        if self._random.random() < 0.05:
+            element |= {"beside": choice(["phase", "slm", "amplitude"])}
         if kind == "mask":
             pattern = choice(["random", "grating", "lens array", "half plane"])
             element |= {"pattern": self._maybe(pattern), "period": "32 um", "focal_length": "5 mm"}

@@ -336,10 +336,10 @@ _CLOSED, _AFTER_CLOSING_S = 0, 0.5  # in place of a signal's number; what the th
 def ending_after_grace(save: Callable[[], bool], grace_s: float = GRACE_S) -> Iterator[Callable[[], None]]:
     """While the block runs, a signal that asks the viewer to end does so after `grace_s`, if the block still runs then.
 
-    Yields a function that says that the window was closed: then the viewer ends after half a second likewise, with code 0.
-    Only where this process may be left so (`util.processes.is_left`), and on its main thread. save: called on another
-    thread, saves the work; tells whether that worked and nothing else has to be done first, such as switching lasers
-    off. Otherwise the block goes on.
+    Yields a function that says that the window was closed: then the viewer ends after half a second likewise, with
+    code 0. Only where this process may be left so (`util.processes.is_left`), and on its main thread. save: called on
+    another thread, saves the work; tells whether that worked and nothing else has to be done first, such as switching
+    lasers off. Otherwise the block goes on.
     """
     if not is_left():
         yield lambda: None

@@ -38,13 +38,13 @@ _FONTS_OF_SCRIPTS = (
     ),
     ("nanumgothic.ttf", "applesdgothicneo.ttc", "malgun.ttf"),  # Korean
     ("dejavusans.ttf", "notosans-regular.ttf", "segoeui.ttf"),  # Arabic, Armenian, Georgian, Hebrew, signs
-    (
+    (  # emoji, without their colours
         "notoemoji-regular.ttf",
         "symbola.ttf",
         "symbola_hint.ttf",
         "seguiemj.ttf",
         "apple symbols.ttf",
-    ),  # emoji, without their colours
+    ),
 )
 _BASES = {"Dark": hello_imgui.ImGuiTheme_.darcula_darker, "Light": hello_imgui.ImGuiTheme_.light_rounded}
 TEXT_SIZES = (0.85, 1.0, 1.25, 1.5, 2.0)

@@ -251,11 +251,9 @@ class PatternOffset(Correction):
 
     def words(self) -> Words:
         choice = f"offset:{self.offset:+d}{self._which}{' with settings' * self.with_settings}"
-        count, where = abs(self.offset), "later" if self.offset > 0 else "earlier"
+        where = f"capture{'s' * (abs(self.offset) > 1)} {'later' if self.offset > 0 else 'earlier'}"
         ends = "" if self.wraps else " Captures whose pattern isn't in the file are left out."
-        sentence = (
-            f"{self._who} stand {count} capture{'s' * (count > 1)} {where} in the file than their pictures.{ends}"
-        )
+        sentence = f"{self._who} stand {abs(self.offset)} {where} in the file than their pictures.{ends}"
         return Words("capture_order", choice, sentence)
 
     @property
