@@ -37,7 +37,7 @@ from holoview.commands.arguments import (
     stated_observer,
     system_from_args,
 )
-from holoview.commands.console import print_json, progress_bar
+from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import (
     add_field_options,
     check_no_field_options,
@@ -361,7 +361,10 @@ def _picture_target(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray
     """The picture of --target, linear sRGB. Raises UserError for another size than that of what is measured."""
     if args.target is None:
         return None
-    rgb = read_picture(args.target).rgb
+    picture = read_picture(args.target)
+    for note in picture.notes:
+        print_stderr(f"note: {args.target}: {note}")
+    rgb = picture.rgb
     if rgb.shape[:2] != shape[:2]:
         found = f"a target of {rgb.shape[1]} × {rgb.shape[0]} pixels"
         expected = f"{shape[1]} × {shape[0]}, as the picture, pixel on pixel"
@@ -518,7 +521,8 @@ def _mtf_line(row: dict[str, Any]) -> str:
     if "no_edge" in row:
         return f"{row['plane']}: {row['no_edge']}"
     half, by_degree = row["half_cycles_a_sample"], row["half_cycles_a_degree"]
-    words = "not below" if half is None else f"{half:.3f} cycles a sample"
+    error = "" if row["half_standard_error"] is None else f" +- {row['half_standard_error']:.2g}"
+    words = "not below" if half is None else f"{half:.3f}{error} cycles a sample"
     degrees = "" if by_degree is None else f", {by_degree:.3g} line pairs a degree"
     return f"{row['plane'] or 'picture'}: {words}{degrees} (edge at {row['angle_deg']:.1f} degrees)"
 

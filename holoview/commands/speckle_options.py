@@ -185,10 +185,11 @@ def laser_lines(found: SpeckleMeasurement) -> list[str]:
     lines = ["", f"{'laser':<9} {'luminance':>9}  contrast"]
     lines += [f"{of.name:<9} {of.luminance_share:>9.1%}  {_estimate(of.estimate)}" for of in found.lasers]
     lines += [f"{name:<9} {'':>9}  {_estimate(estimate)}" for name, estimate in found.groups.items()]
-    count, equal = found.patterns_of_powers, len(names)
+    count, equal, (by_powers, by_correlation) = found.patterns_of_powers, len(names), found.pattern_errors
     lines += [
         "",
-        f"N_eff from powers {count:.2f}, from the correlation between lasers {found.patterns_of_correlation:.2f}; "
+        f"N_eff from powers {count:.2f} +- {by_powers:.2g}, from the correlation between lasers "
+        f"{found.patterns_of_correlation:.2f} +- {by_correlation:.2g} (errors by blocks of the region); "
         f"{equal} equal ones have 1/sqrt(N) = {equal**-0.5:.4f}, these 1/sqrt(N_eff) = {count**-0.5:.4f}",
     ]
     if 1 < equal <= _MOST_SHOWN:

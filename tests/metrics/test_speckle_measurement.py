@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from holoview.bench.captures.speckle_meter import CameraLens, Meter, measure_hologram, pixel_means
 from holoview.holograms.hologram import Hologram
@@ -54,6 +55,33 @@ def test_lasers_of_unequal_powers_count_as_fewer() -> None:
     assert found.one_by_one == pytest.approx(2**-0.5, abs=5 * found.one_by_one_error)
     assert set(found.groups) == {"blue", "green", "red"}
     assert [laser.name for laser in found.lasers] == ["450 nm", "540 nm", "640 nm"]
+
+
+@pytest.mark.parametrize("is_structured", [False, True])
+@pytest.mark.parametrize("shared", [0.0, 0.6])
+def test_the_errors_of_n_eff_are_its_scatter(shared: float, is_structured: bool) -> None:
+    """Powers 1 : 4 : 2, each laser's pattern a part of its own and one that all share, before and beside a target.
+
+    60 drawn values scatter by their deviation to 1/√118 = 9 %, and 64 blocks know theirs to 9 % each, 1 % all together:
+    within 1 ± 0.5 by five deviations. Grains of 3 samples in blocks of 12 make 5 % of it.
+    """
+    rng, powers, found, errors = np.random.default_rng(51), np.array([1.0, 4.0, 2.0]), [], []
+    picture = (
+        np.kron(rng.uniform(0.2, 1, (8, 8)), np.ones((SIDE // 8,) * 2)) if is_structured else np.ones((SIDE, SIDE))
+    )
+    target = np.repeat(picture[..., None], 3, axis=-1) if is_structured else None
+    for _ in range(60):
+        field = rng.normal(size=(2, 4, SIDE + 3, SIDE + 3))
+        patterns = np.square(ndimage.uniform_filter(field, (0, 0, 3, 3))[..., :SIDE, :SIDE]).sum(axis=0) * 4.5
+        intensity = picture * ((1 - shared) * patterns[:3] + shared * patterns[3])
+        lasers = _images(intensity, (450, 540, 640), tuple(powers))
+        one = measure_speckle(np.tensordot(powers, intensity, axes=1), WHOLE, target, lasers)  # type: ignore[arg-type]
+        found.append((one.patterns_of_powers, one.patterns_of_correlation))
+        errors.append(one.pattern_errors)
+    ratio = np.std(found, axis=0, ddof=1) / np.sqrt(np.square(errors).mean(axis=0))
+    assert ((ratio > 0.5) & (ratio < 1.5)).all()
+    table = one.as_json()
+    assert (table["n_eff_powers_standard_error"], table["n_eff_correlation_standard_error"]) == one.pattern_errors
 
 
 def test_lasers_that_share_a_pattern_are_one_pattern_together_and_several_one_by_one() -> None:
@@ -109,6 +137,9 @@ def test_more_contrast_than_speckle_has_is_told_where_one_sample_makes_it() -> N
     found = measure_speckle(light, (0, 0, 64, 64), target)
     assert not found.withheld and found.luminance.contrast > 2
     assert any("contrast of 1 at most" in note for note in found.notes)
+    assert (
+        "contrast of 1 at most" in measure_region(np.repeat(light[..., None], 3, axis=-1), (0, 0, 64, 64), target).doubt
+    )
 
 
 def test_few_grains_are_told() -> None:

@@ -228,7 +228,7 @@ def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, 
     "how",
     [
         *("right", "blurred", "displaced", "up", "mirrored", "tone curve", "something else", "another plane"),
-        *("another plane, known to be none", "an object"),
+        *("another plane, known to be none", "an object", "a bright sample"),
     ],
 )
 def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Written, how: str) -> None:
@@ -243,6 +243,7 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
     light = srgb_decode(other / 255.0) if how.startswith("another plane") else light
     light[20:40, 30:60] = 2.0 if how == "something else" else light[20:40, 30:60]
     light[30:44, 40:54] *= 1.7 if how == "an object" else 1.0
+    light[30, 40] *= 1000.0 if how == "a bright sample" else 1.0
     y = (light * ndimage.uniform_filter(rng.gamma(4, 0.25, light.shape), 3)).astype(np.float32)
     region, are_mistakable = (5, 4, 80, 60), how == "another plane"
     xyz, target, blurred = (np.repeat(of[..., None], 4, axis=-1) for of in (y, codes, other))
@@ -264,10 +265,11 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
     pictures = [np.repeat(of[..., None], 3, axis=-1) for of in (linear, srgb_decode(other / 255.0))]
     known = luminance_contrast(y, region, pictures[0], others=OtherPlanes({"at 12 mm": pictures[1]}, are_mistakable))
     assert [found[key] for key in ("withheld", "doubt", "blur_px")] == [known.withheld, known.doubt, known.blur_px]
-    is_stated = how in ("right", "blurred", "another plane, known to be none")
+    is_stated = how in ("right", "blurred", "another plane, known to be none", "a bright sample")
     assert bool(known.withheld) != is_stated
     assert ("further than speckle does" in known.withheld) == (how == "an object")
     assert known.doubt.startswith("another target fits better: at 12 mm") == how.endswith("none")
+    assert ("contrast of 1 at most" in known.doubt) == (how == "a bright sample")
     if not known.withheld:
         assert found["contrast"] == pytest.approx(known.estimate.contrast, rel=1e-9)
     assert browser.close_pages() == []

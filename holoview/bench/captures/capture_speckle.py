@@ -213,6 +213,10 @@ def _mean_measurement(sets: Sequence[SpeckleMeasurement]) -> SpeckleMeasurement:
         colour=mean_colour([of.colour for of in sets]),
         independent_colour=mean_colour([of.independent_colour for of in sets]),
         notes=max(sets, key=lambda of: len(of.notes)).notes,
+        pattern_errors=(
+            float(np.std([of.patterns_of_powers for of in sets], ddof=1)) / math.sqrt(len(sets)),
+            float(np.std([of.patterns_of_correlation for of in sets], ddof=1)) / math.sqrt(len(sets)),
+        ),
     )
 
 

@@ -17,7 +17,7 @@ from holoview.evidence.study.hologram_study import optimise_job
 from holoview.evidence.study.study import StatusCallback
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.image_quality import central_region
-from holoview.holograms.metrics.sharpness import checkerboard, checkerboard_contrast, contrast_ratio
+from holoview.holograms.metrics.sharpness import ContrastRatio, checkerboard, checkerboard_contrast, sequential_contrast
 from holoview.holograms.view import View, simulate
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import region_slices
@@ -35,8 +35,8 @@ class DisplayContrast:
     settings: with which further pictures are optimised for the lasers' powers of the white one.
     """
 
-    sequential: float
-    checkerboard: float
+    sequential: ContrastRatio
+    checkerboard: ContrastRatio
     white: Hologram
     board: Hologram
     white_view: View
@@ -58,7 +58,7 @@ def display_contrast(system: System, settings: Mapping[str, Any], status: Status
     lit, dark, fields = (middle_view(hologram) for hologram in (white, black, board))
     centre = region_slices(central_region(lit.xyz.shape[1:3]))
     return DisplayContrast(
-        contrast_ratio(_luminance(lit)[centre], _luminance(dark)[centre]),
+        sequential_contrast(_luminance(lit)[centre], _luminance(dark)[centre]),
         checkerboard_contrast(_luminance(fields)),
         white,
         board,

@@ -56,6 +56,9 @@ _LEAST_TOLD = 5e-4  # of the light
 _METHODS = (
     "± is one standard error. Contrast in the manner of IEC 62906-5-2:2016, colour speckle in that of "
     "IEC 62906-5-4:2018, which are written for laser projection. "
+    "Errors of N_eff and of ratios of light are from the scatter between 8 × 8 blocks, those of the MTF from the "
+    "speckle beside the target, or groups of rows of an edge. PSNR, the eyebox and shares of light are computed of the "
+    "hologram as a whole, not of a sample, and have no standard error. "
     "A claim within two standard errors of its limit is undecided."
 )
 _THRESHOLDS = (
@@ -102,18 +105,18 @@ class ReviewedHologram:
             values["C"] = (found.luminance.contrast, found.luminance.standard_error)
         values |= {f"C_{name}": (of.contrast, of.standard_error) for name, of in found.groups.items()}
         if found.lasers:
-            values["N_eff"] = (found.patterns_of_correlation, None)
+            values["N_eff"] = (found.patterns_of_correlation, found.pattern_errors[1])
         if found.colour is not None:
             values["colour_area"] = (found.colour.area, found.colour.area_error)
         if self.psnr_db is not None:
             values["PSNR"] = (self.psnr_db, None)
         if self.black is not None:
-            values["CR"] = (self.black.ratio, None)
+            values["CR"] = (self.black.ratio, self.black.standard_error)
         if self.display is not None:
-            values["CR_sequential"] = (self.display.sequential, None)
-            values["CR_checkerboard"] = (self.display.checkerboard, None)
+            values["CR_sequential"] = (self.display.sequential.value, self.display.sequential.standard_error)
+            values["CR_checkerboard"] = (self.display.checkerboard.value, self.display.checkerboard.standard_error)
         if isinstance(self.mtf, Mtf) and np.isfinite(self.mtf.half):
-            values["MTF50"] = (self.mtf.half, None)
+            values["MTF50"] = (self.mtf.half, self.mtf.half_error if np.isfinite(self.mtf.half_error) else None)
         if self.eyebox is not None:
             values["uniformity"] = (self.eyebox.uniformity, None)
         if self.light:
@@ -148,8 +151,10 @@ class ReviewedHologram:
             "notes": [*_withheld_notes(found), *found.notes],
             "psnr_db": self.psnr_db,
             "black_beside_white": None if self.black is None else self.black.as_json(),
-            "sequential_contrast": None if self.display is None else self.display.sequential,
-            "checkerboard_contrast": None if self.display is None else self.display.checkerboard,
+            "sequential_contrast": None if self.display is None else self.display.sequential.value,
+            "sequential_standard_error": None if self.display is None else self.display.sequential.standard_error,
+            "checkerboard_contrast": None if self.display is None else self.display.checkerboard.value,
+            "checkerboard_standard_error": None if self.display is None else self.display.checkerboard.standard_error,
             "mtf": self.mtf.as_json(self.measured.view.degrees_per_sample) if isinstance(self.mtf, Mtf) else None,
             "no_mtf": "" if isinstance(self.mtf, Mtf) else self.mtf,
             "mtf_of_edge": list(self.edge),
@@ -467,7 +472,12 @@ def _laser_rows(found: Sequence[SpeckleMeasurement]) -> list[_Row]:
     rows: list[_Row] = [
         (
             "N_eff from powers, from correlation",
-            words(lambda of: f"{of.patterns_of_powers:.2f}, {of.patterns_of_correlation:.2f}"),
+            words(
+                lambda of: (
+                    f"{_value(of.patterns_of_powers, of.pattern_errors[0])}, "
+                    f"{_value(of.patterns_of_correlation, of.pattern_errors[1])}"
+                )
+            ),
             "(ΣP)²/ΣP²; with the correlations between lasers",
         ),
         (
@@ -514,13 +524,17 @@ def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
         words = ["–" if one.psnr_db is None else f"{one.psnr_db:.2f} dB" for one in reviewed]
         rows.append(("PSNR to the target", words, "linear sRGB, whole picture, fixed brightness"))
     if any(one.black is not None for one in reviewed):
-        words = ["–" if one.black is None else f"{_plain(one.black.ratio)} : 1" for one in reviewed]
+        words = [
+            "–" if one.black is None else _ratio_words(one.black.ratio, one.black.standard_error) for one in reviewed
+        ]
         rows.append(("white over black beside it", words, "target above 50 %, below 1 % of its maximum"))
     if any(one.display is not None for one in reviewed):
         words = [
             "–"
             if one.display is None
-            else f"{_plain(one.display.sequential)} : 1, {_plain(one.display.checkerboard)} : 1"
+            else ", ".join(
+                _ratio_words(of.value, of.standard_error) for of in (one.display.sequential, one.display.checkerboard)
+            )
             for one in reviewed
         ]
         rows.append(
@@ -541,6 +555,10 @@ def _picture_rows(reviewed: Sequence[ReviewedHologram]) -> list[_Row]:
     return rows
 
 
+def _ratio_words(ratio: float, error: float | None) -> str:
+    return f"{_value(ratio, error)} : 1"
+
+
 def _mtf_words(mtf: Mtf | str, view: View) -> str:
     if isinstance(mtf, str):
         return mtf
@@ -555,7 +573,9 @@ def _edge_words(row: Mapping[str, Any]) -> str:
     half, by_degree = row["half_cycles_a_sample"], row["half_cycles_a_degree"]
     if half is None:
         return "not below a half"
-    return f"{half:.3f} cycles a sample" + ("" if by_degree is None else f", {by_degree:.3g} a degree")
+    return f"{_value(half, row['half_standard_error'])} cycles a sample" + (
+        "" if by_degree is None else f", {by_degree:.3g} a degree"
+    )
 
 
 def _claim_rows(reviewed: Sequence[ReviewedHologram], claims: Sequence[NumberClaim]) -> list[dict[str, Any]]:

@@ -29,6 +29,9 @@ from holoview.light.numerics.sampling import Region, region_slices
 FEW_GRAINS = 30
 """Grains below which a contrast and its standard error are rough, and both come out too low."""
 
+BLOCKS = 8
+"""Blocks each way, by whose scatter standard errors are found where no law tells them."""
+
 _GRAIN_EDGE = 0.2  # correlation at the edge of a grain
 _WINDOW_GRAINS, _LEAST_WINDOW = 4, 8  # half side of the displacements that count, in grains; in samples
 
@@ -156,6 +159,21 @@ def grains_of(pattern: SpecklePattern) -> Grains:
     noise = float((1 / overlap[near][counted]).sum())  # Var ρ of a displacement is Σρ² over the pixels that overlap
     count = max(area * (1 + noise) / squares, 1.0)
     return Grains(min(count, area), (_width(along[0]), _width(along[1])))
+
+
+def block_sums(values: Floats, blocks: int = BLOCKS) -> Floats:
+    """Sums of values (y, x) over 8 × 8 blocks, or over as many as there are samples each way."""
+    rows, columns = (np.arange(min(blocks, n)) * n // min(blocks, n) for n in values.shape)
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1))
+
+
+def error_by_blocks(influence: Floats, blocks: int = BLOCKS) -> float:
+    """Standard error of a sum of contributions (y, x) to a number, their mean being 0: √Σb², b the sums over blocks.
+
+    Blocks that hold some grains are independent, whatever the grains' form and the law of the contributions; the error
+    of 64 blocks is known to 1/√128 = 9 % of itself.
+    """
+    return float(np.linalg.norm(block_sums(influence, blocks)))
 
 
 def autocorrelation(pattern: SpecklePattern) -> tuple[Floats, Floats]:

@@ -69,7 +69,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate
+from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, block_sums, contrast_estimate
 from holoview.holograms.metrics.local_misfit import LocalMisfit, local_misfit
 from holoview.holograms.metrics.speckle import (
     Floats,
@@ -92,7 +92,7 @@ MOST_OF_SPECKLE = 1.1
 WIDTHS = (0.0, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Standard deviations of the blur by which a picture may show its target, in samples."""
 
-_BLOCKS, _LEVELS = 8, 8
+_LEVELS = 8
 _SIGMAS = 2.0
 _LEAST_STRUCTURE = 0.1  # C_T² over C², from which what is left of a target is judged
 _LEAST_CHANGE = 0.01  # of C² by division, from which the share of a target's structure is judged
@@ -272,6 +272,11 @@ def luminance_contrast(
             reason = f"the target isn't what is shown here: {in_words}, as it is {contrast:.3f}"
         elif contrast > max(_MOST_ABOVE * misfit.contrast, most):
             doubts.append(in_words)
+    if estimate.contrast > MOST_OF_SPECKLE:
+        doubts.append(
+            f"speckle has a contrast of 1 at most, and {estimate.contrast:.3f} is left beside the target: few bright "
+            "samples decide it, or the target isn't what is shown"
+        )
     if reason:
         own = contrast_estimate(plain, own_noise)
         return LuminanceContrast(own, plain, raw, False, reason, alike, blur_px, left, better, misfit=misfit)
@@ -398,7 +403,7 @@ def likeness(luminance: NDArray[np.floating], target: NDArray[np.floating]) -> L
     if not (x.mean() > 0 and y.mean() > 0):
         return Likeness(0.0, math.inf)
     x, y = x / x.mean() - 1, y / y.mean() - 1
-    products, squares = _block_sums(x * y), _block_sums(x * x)
+    products, squares = block_sums(x * y), block_sums(x * x)
     total = float(squares.sum())
     if total <= 1e-12 * x.size:
         return Likeness(0.0, math.inf)
@@ -427,7 +432,7 @@ def _explained(rest: Floats, feature: Floats) -> Likeness:
     scale = float(np.square(feature).sum() * np.square(rest).sum())
     if scale <= 0:
         return Likeness(0.0, 0.0)
-    sums = _block_sums(rest * feature)
+    sums = block_sums(rest * feature)
     squares = float(np.square(sums).sum())
     return Likeness((float(sums.sum()) ** 2 - squares) / scale, math.sqrt(2) * squares / scale)
 
@@ -438,7 +443,7 @@ def _together(shares: list[Likeness]) -> Likeness:
 
 def _places(rest: Floats, usable: NDArray[np.bool_]) -> Likeness:
     """The share of the variance of what is left (y, x) that is in blocks whose mean no speckle makes."""
-    counts, sums = _block_sums(usable.astype(np.float64)), _block_sums(rest)
+    counts, sums = block_sums(usable.astype(np.float64)), block_sums(rest)
     means = (sums / np.sqrt(np.maximum(counts, 1)))[counts > 0]
     middle = float(np.median(means))
     spread = _MAD * float(np.median(np.abs(means - middle)))
@@ -547,7 +552,7 @@ def _contrasts_if_better(values: Floats, shown: Floats, rival: Floats) -> tuple[
         return np.where(usable, found / found[usable].mean(), 1.0)
 
     given, left, difference = ratio(values, shown), ratio(values, rival), ratio(rival, shown)
-    squares = _block_sums(np.square(difference - 1))
+    squares = block_sums(np.square(difference - 1))
     if not float(squares.sum()) ** 2 >= _LEAST_BLOCKS * float(np.square(squares).sum()) > 0:
         return None
     is_rival = likeness(given, difference).at_least > LEAST_SHARE
@@ -559,13 +564,7 @@ def _contrasts_if_better(values: Floats, shown: Floats, rival: Floats) -> tuple[
 def _error_of_blocks(pattern: SpecklePattern) -> float:
     """Standard error of a contrast by the scatter of its square between blocks."""
     rest = np.where(pattern.usable, pattern.values / pattern.contrast.mean - 1, 0.0)
-    squares, counts = _block_sums(np.square(rest)), _block_sums(pattern.usable.astype(np.float64))
+    squares, counts = block_sums(np.square(rest)), block_sums(pattern.usable.astype(np.float64))
     contrast = pattern.contrast.contrast
     scatter = float(np.linalg.norm(squares - contrast**2 * counts))
     return scatter / (2 * contrast * float(counts.sum())) if contrast > 0 else 0.0
-
-
-def _block_sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums over 8 × 8 blocks, or over as many as there are samples each way."""
-    rows, columns = (np.arange(min(_BLOCKS, n)) * n // min(_BLOCKS, n) for n in values.shape)
-    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1))

@@ -5,17 +5,23 @@ one; checkerboard contrast that of the white fields over that of the black ones 
 strays from white to black counts. The modulation transfer function (MTF) is the contrast of a wave in the image over
 that in what it should be, by spatial frequency; that of a slanted edge (ISO 12233) is the spectrum of the edge's
 derivative, sampled more finely than the image because each row crosses the edge elsewhere.
+
+Standard errors. A mean luminance is known by the scatter between 8 × 8 blocks (`grains.error_by_blocks`), and a ratio
+of two by both, which hold other grains. The frequency at which the MTF of an edge is a half is known by a jackknife
+over groups of neighbouring rows (`_half_error_of_rows`), that of a picture's MTF by the speckle that is left of it
+(`_half_error`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.holograms.metrics.grains import error_by_blocks
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 
@@ -30,39 +36,63 @@ _LEAST_STEP, _LEAST_ERRORS = 0.5, 8.0
 _LEAST_STRUCTURE = 1e-5  # r.m.s. of a target over its mean: single precision has less
 _MOST_UNSURE = 0.05  # standard error of an MTF that is stated
 _STRAIGHT = 2.0  # samples r.m.s. that its centroids may be from a line
+_GROUPS, _LEAST_ROWS = 16, 4  # of rows, by whose absence an MTF is tried; rows of a group
+_BESIDE = 0.7, 1.3  # of the frequency at which it is a half
 _FLATTEST, _STEEPEST = np.tan(np.deg2rad(1.0)), np.tan(np.deg2rad(40.0))
 
 
 @dataclass(frozen=True)
 class BlackBesideWhite:
-    """Mean luminances where a target is bright and where it is dark in one image. samples: of the dark part."""
+    """Mean luminances where a target is bright and where it is dark in one image.
+
+    samples: of the dark part. relative_error: standard error of the ratio over it; infinite where black has no light.
+    """
 
     white: float
     black: float
     samples: int
+    relative_error: float
 
     @property
     def ratio(self) -> float:
         """Luminance of white over that of black; inf where black has none."""
         return self.white / self.black if self.black > 0 else float("inf")
 
+    @property
+    def standard_error(self) -> float | None:
+        """Standard error of the ratio; None where black has no light."""
+        return self.ratio * self.relative_error if self.black > 0 else None
+
     def as_json(self) -> dict[str, Any]:
         """For programs."""
         ratio = self.ratio if np.isfinite(self.ratio) else None
-        return {"white": self.white, "black": self.black, "ratio": ratio, "dark_samples": self.samples}
+        found = {"white": self.white, "black": self.black, "ratio": ratio, "standard_error": self.standard_error}
+        return found | {"dark_samples": self.samples}
 
 
 def black_beside_white(luminance: NDArray[np.floating], target: NDArray[np.floating]) -> BlackBesideWhite | None:
     """Of an image (y, x) and the luminance (y, x) of its target: dark is below 1 %, bright above 50 % of its maximum.
 
-    None where the target has fewer than 64 samples of either.
+    None where the target has fewer than 64 samples of either. For the standard error, the structure that the target has
+    where it is bright is taken off.
     """
     most = float(target.max())
     dark, bright = target <= _DARK * most, target >= _BRIGHT * most
     if not most > 0 or min(dark.sum(), bright.sum()) < _LEAST_SAMPLES:
         return None
     values = np.asarray(luminance, dtype=np.float64)
-    return BlackBesideWhite(float(values[bright].mean()), float(values[dark].mean()), int(dark.sum()))
+    white, black = float(values[bright].mean()), float(values[dark].mean())
+    even = values - white * (target / target[bright].mean() - 1) if white > 0 else values
+    error = math.hypot(_relative_error(even, bright), _relative_error(values, dark))
+    return BlackBesideWhite(white, black, int(dark.sum()), error)
+
+
+def _relative_error(values: Floats, counted: NDArray[np.bool_]) -> float:
+    """Standard error of the mean of the counted values (y, x), over it; infinite of one that isn't above 0."""
+    mean = float(values[counted].mean())
+    if not mean > 0:
+        return math.inf
+    return error_by_blocks(np.where(counted, values / mean - 1, 0.0)) / int(counted.sum())
 
 
 def checkerboard(shape: tuple[int, int], fields: int = 4) -> Floats:
@@ -71,7 +101,20 @@ def checkerboard(shape: tuple[int, int], fields: int = 4) -> Floats:
     return ((y[:, None] + x[None, :] + 1) % 2).astype(np.float64)
 
 
-def checkerboard_contrast(luminance: NDArray[np.floating], fields: int = 4) -> float:
+@dataclass(frozen=True)
+class ContrastRatio:
+    """A ratio of two mean luminances, and its standard error."""
+
+    value: float
+    standard_error: float
+
+
+def sequential_contrast(white: NDArray[np.floating], black: NDArray[np.floating]) -> ContrastRatio:
+    """Mean luminance of a white picture (y, x) over that of a black one. Errors as of `contrast_ratio`."""
+    return _ratio_of(white, black, np.ones(white.shape, dtype=bool), np.ones(black.shape, dtype=bool))
+
+
+def checkerboard_contrast(luminance: NDArray[np.floating], fields: int = 4) -> ContrastRatio:
     """Mean luminance of the white fields over that of the black ones, in the middle halves of the fields.
 
     luminance: (y, x) of an image of `checkerboard`. Raises UserError for one that is dark, or without black light.
@@ -81,7 +124,18 @@ def checkerboard_contrast(luminance: NDArray[np.floating], fields: int = 4) -> f
         place = (np.arange(n) + 0.5) * fields / n % 1
         middle &= np.expand_dims((place > 0.25) & (place < 0.75), 1 - axis)
     white = checkerboard((luminance.shape[0], luminance.shape[1]), fields) > 0.5
-    return contrast_ratio(luminance[white & middle], luminance[~white & middle])
+    return _ratio_of(luminance, luminance, white & middle, ~white & middle)
+
+
+def _ratio_of(
+    white: NDArray[np.floating],
+    black: NDArray[np.floating],
+    is_white: NDArray[np.bool_],
+    is_black: NDArray[np.bool_],
+) -> ContrastRatio:
+    value = contrast_ratio(white[is_white], black[is_black])
+    parts = ((np.asarray(of, dtype=np.float64), where) for of, where in ((white, is_white), (black, is_black)))
+    return ContrastRatio(value, value * math.hypot(*(_relative_error(of, where) for of, where in parts)))
 
 
 def contrast_ratio(white: NDArray[np.floating], black: NDArray[np.floating]) -> float:
@@ -97,12 +151,13 @@ class Mtf:
     """A modulation transfer function.
 
     cycles: (n,) spatial frequencies, cycles a sample. values: (n,), 1 at frequency 0. angle_deg: of the edge from the
-    rows or columns; NaN without one.
+    rows or columns; NaN without one. half_error: standard error of `half`; NaN where it isn't known.
     """
 
     cycles: Floats
     values: Floats
     angle_deg: float
+    half_error: float = math.nan
 
     def at(self, cycles: float) -> float:
         """The MTF at a frequency in cycles a sample, interpolated."""
@@ -125,6 +180,7 @@ class Mtf:
             "angle_deg": self.angle_deg if np.isfinite(self.angle_deg) else None,
             "half_cycles_a_sample": half,
             "half_cycles_a_degree": None if half is None or degrees_per_sample is None else half / degrees_per_sample,
+            "half_standard_error": self.half_error if half is not None and math.isfinite(self.half_error) else None,
             "cycles_a_sample": self.cycles.tolist(),
             "mtf": self.values.tolist(),
         }
@@ -152,7 +208,24 @@ def slanted_edge_mtf(image: NDArray[np.floating], region: Region) -> Mtf:
     if step < max(_LEAST_STEP, _LEAST_ERRORS * math.sqrt(sum(1 / len(tone) for tone in tones))) * noise:
         found = f"tones that differ by {step / noise:.2g} of their own standard deviation"
         raise UserError("--edge", found, expected="a straight edge between two even tones")
-    return _mtf_of_profile(values, distance, float(np.degrees(np.arctan(abs(slope)))))
+    mtf = _mtf_of_profile(values, distance, float(np.degrees(np.arctan(abs(slope)))))
+    return replace(mtf, half_error=_half_error_of_rows(mtf, values, distance))
+
+
+def _half_error_of_rows(mtf: Mtf, values: Floats, distance: Floats) -> float:
+    """Standard error of the frequency at which the MTF of an edge is a half, from an image (y, x) and its distances.
+
+    Each of up to 16 groups of neighbouring rows is left out in turn. The scatter of the MTF at that frequency, times
+    the root of the number of groups less 1 (jackknife), is divided by its slope from 0.7 to 1.3 of the frequency, since
+    the slope between two neighbouring frequencies is mostly noise. NaN where the MTF isn't a half, or doesn't fall.
+    """
+    half, count = mtf.half, min(_GROUPS, len(values) // _LEAST_ROWS)
+    fall = mtf.at(_BESIDE[0] * half) - mtf.at(_BESIDE[1] * half)
+    if not fall > 0:
+        return math.nan
+    group = np.arange(len(values)) * count // len(values)
+    tried = [_mtf_of_profile(values[group != k], distance[group != k], 0.0).at(half) for k in range(count)]
+    return float(np.std(tried)) * math.sqrt(count - 1) * (_BESIDE[1] - _BESIDE[0]) * half / fall
 
 
 def _edge_line(values: Floats) -> tuple[float, float]:
@@ -233,7 +306,33 @@ def target_mtf(image: NDArray[np.floating], target: NDArray[np.floating], region
         raise UserError(
             "MTF", "the picture doesn't follow the target here", expected="a region of the target's picture"
         )
-    return Mtf(np.arange(count + 1) * width, np.append(1.0, values[1 : count + 1]), float("nan"))
+    mtf = Mtf(np.arange(count + 1) * width, np.append(1.0, values[1 : count + 1]), float("nan"))
+    below = np.flatnonzero(mtf.values < 0.5)
+    if not below.size:
+        return mtf
+    last = int(below[0])
+    upper, lower = mtf.values[last - 1 : last + 1]
+    weights = np.zeros(len(powers))  # of rings in `half`, by its derivatives
+    weights[last - 1 : last + 1] = np.array([0.5 - lower, upper - 0.5]) * width / (upper - lower) ** 2
+    weights[0] = 0.0  # where the MTF is 1 by definition
+    filtered = wanted * (weights / np.maximum(powers, 1e-300))[ring].reshape(cycles.shape)
+    rest = seen - np.interp(cycles, mtf.cycles, mtf.values) * wanted
+    return replace(mtf, half_error=_half_error(filtered, rest, window * x / x.mean()))
+
+
+def _half_error(filtered: NDArray[np.complex128], rest: NDArray[np.complex128], light: NDArray[np.floating]) -> float:
+    """Standard error of Σ Re(R·H*) over the half plane of frequencies, R being speckle in proportion to the light.
+
+    filtered: H (y, x), spectrum of real numbers h. rest: R (y, x). light: l (y, x), under the window. With speckle l·n
+    of independent n of variance s, E|R|² = s·Σl², and of N samples the sum has the variance s·Σ(l·h)²·(N/2)². s
+    follows from |R|² where H isn't 0, so that the spectrum of speckle need only be even there.
+    """
+    used = filtered != 0
+    variance = float(np.square(np.abs(rest[used])).mean()) / float(np.square(light).sum())
+    doubled = filtered.copy()
+    doubled[:, 0] *= 2  # which has no mirrored column
+    values = np.fft.irfft2(doubled, light.shape)
+    return math.sqrt(variance) * float(np.linalg.norm(light * values)) * light.size / 2
 
 
 def line_pair_transfer(

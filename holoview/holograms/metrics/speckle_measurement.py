@@ -15,6 +15,15 @@ With the mean luminance m of each laser, its contrast C and the correlations ρ 
     (b) together                           C² = ΣΣ m_i·m_j·C_i·C_j·ρ_ij/(Σm)², which is measured as it stands
     N_eff from powers                      (Σm)²/Σm²
     N_eff from the correlations            (Σm)²/ΣΣ m_i·m_j·ρ_ij
+
+The standard errors of both N_eff follow from the scatter between 8 × 8 blocks of the region. With the shares w of the
+luminance, Σw = 1, Q = ΣΣ w_i·w_j·ρ_ij, q_i = Σ_j w_j·ρ_ij, and the deviations d_i of each laser's pattern from its
+mean 1, z_i = d_i/C_i, a sample contributes to the relative change of N_eff
+
+    2·Σ w_i·(1 − q_i/Q)·d_i − ((Σ w_i·z_i)² − Σ w_i·q_i·z_i²)/Q
+
+over the number of samples: the first term by the means m, the second by the correlations, which those that are known
+(ρ the unit matrix) don't have. The d_i of the first term are weighted by the target's structure.
 """
 
 from __future__ import annotations
@@ -30,9 +39,15 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from holoview.holograms.metrics.colour_speckle import ColourSpeckle, colour_speckle, independent_colours
-from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, SumNoise, contrast_estimate, noise_variance
+from holoview.holograms.metrics.grains import (
+    ContrastEstimate,
+    PixelNoise,
+    SumNoise,
+    contrast_estimate,
+    error_by_blocks,
+    noise_variance,
+)
 from holoview.holograms.metrics.likeness import (
-    MOST_OF_SPECKLE,
     NO_OTHERS,
     BetterTarget,
     Likeness,
@@ -117,7 +132,8 @@ class SpeckleMeasurement:
     displacement_px: beside a target, as of `LuminanceContrast`.
     lasers: of those with light. groups: by the names of `GROUPS`. correlation: (laser, laser) of the patterns.
     colour, independent_colour: colour speckle as measured, and of independent lasers of the same contrasts; None in the
-    dark and of an image without colours. notes: what limits the numbers, as sentences.
+    dark and of an image without colours. notes: what limits the numbers, as sentences. pattern_errors: standard errors
+    of N_eff from powers and from the correlations.
     """
 
     region: Region
@@ -139,6 +155,7 @@ class SpeckleMeasurement:
     left: StructureLeft | None = None
     better: BetterTarget | None = None
     displacement_px: tuple[int, int] = (0, 0)
+    pattern_errors: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def _shares(self) -> Floats:
@@ -195,7 +212,9 @@ class SpeckleMeasurement:
                 "groups": {name: _estimate_json(estimate) for name, estimate in self.groups.items()},
                 "correlation": self.correlation.tolist(),
                 "n_eff_powers": self.patterns_of_powers,
+                "n_eff_powers_standard_error": self.pattern_errors[0],
                 "n_eff_correlation": self.patterns_of_correlation,
+                "n_eff_correlation_standard_error": self.pattern_errors[1],
                 "one_by_one_contrast": self.one_by_one,
                 "one_by_one_standard_error": self.one_by_one_error,
             }
@@ -332,11 +351,6 @@ def _notes_beside_target(measured: LuminanceContrast) -> Iterator[str]:
         return
     if measured.doubt:
         yield measured.doubt
-    if measured.estimate.contrast > MOST_OF_SPECKLE:
-        yield (
-            f"speckle has a contrast of 1 at most, and {measured.estimate.contrast:.3f} is left beside the target: few "
-            "bright samples decide it, or the target isn't what is shown"
-        )
     alike = measured.likeness
     if alike is not None and math.isfinite(alike.standard_error) and alike.at_least < 0:
         yield (
@@ -371,6 +385,7 @@ def _with_lasers(
         raise UserError("region", "lasers that share no lit pixels", expected="a region that all of them light")
     relative = np.stack([pattern.values[usable] / pattern.values[usable].mean() for pattern in patterns])
     contrasts = np.array([estimate.contrast for estimate in estimates])
+    correlation = _correlation(relative, contrasts)
     dark = len(powers) - len(lit)
     notes: tuple[str, ...] = (f"{dark} of {len(powers)} lasers have no light that is seen here",) if dark else ()
     colour, independent_colour = None, None
@@ -400,7 +415,8 @@ def _with_lasers(
             for i, share, estimate in zip(lit, shares, estimates, strict=True)
         ),
         groups=_groups([lasers.groups[i] for i in lit], shares, patterns, lasers.noise),
-        correlation=_correlation(relative, contrasts),
+        correlation=correlation,
+        pattern_errors=_pattern_errors(patterns, usable, shares, contrasts, correlation),
         colour=colour,
         independent_colour=independent_colour,
         notes=(*plain.notes, *notes),
@@ -458,3 +474,32 @@ def _correlation(relative: Floats, contrasts: Floats) -> Floats:
     found = np.clip(found, -1.0, 1.0)
     np.fill_diagonal(found, 1.0)
     return found
+
+
+def _pattern_errors(
+    patterns: Sequence[SpecklePattern],
+    usable: NDArray[np.bool_],
+    shares: Floats,
+    contrasts: Floats,
+    correlation: Floats,
+) -> tuple[float, float]:
+    """Standard errors of N_eff from powers and from the correlations, as the docstring of the module derives them.
+
+    usable: (y, x), where all patterns are. shares: of the luminance. contrasts: free of a camera's noise.
+    """
+    alike = correlation @ shares
+    whole, squares = float(shares @ alike), float(shares @ shares)
+    by_powers, by_means, sums, squared = (np.zeros(usable.shape) for _ in range(4))
+    for pattern, share, contrast, own in zip(patterns, shares, contrasts, alike, strict=True):
+        unit = np.where(pattern.usable, pattern.unit, 0.0)
+        light = pattern.values * unit
+        change = 2 * share * (light / light.sum() - unit / unit.sum())
+        by_powers += (1 - share / squares) * change
+        by_means += (1 - own / whole) * change
+        if contrast > 0:
+            scaled = np.where(usable, pattern.values / pattern.values[usable].mean() - 1, 0.0) / contrast
+            sums += share * scaled
+            squared += share * own * scaled**2
+    of_correlation = (sums**2 - squared) / whole
+    of_correlation = np.where(usable, of_correlation - of_correlation[usable].mean(), 0.0) / usable.sum()
+    return error_by_blocks(by_powers) / squares, error_by_blocks(by_means - of_correlation) / whole

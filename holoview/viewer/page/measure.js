@@ -492,6 +492,9 @@ function speckle(xyz, width, region, target = null, others = [], areMistakable =
         }
         const doubts = better ? [`another target fits better: ${textOf(better)}`] : []
         if (isRaised(misfit, dividedContrast, 1.1)) doubts.push(partInWords(misfit, region))
+        if (dividedContrast > 1.1) {
+            doubts.push(`speckle has a contrast of 1 at most, and ${dividedContrast.toFixed(3)} is left beside the target: few bright samples decide it, or the target isn't what is shown`)
+        }
         if (!withheld) doubt = doubts.join("; ")
         if (!withheld) [values, mean, std, divided] = [counted, own.mean, own.std, true]
     }

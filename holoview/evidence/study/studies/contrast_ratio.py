@@ -99,8 +99,8 @@ class _ContrastRatio(Study):
         centre = region_slices(central_region(lit.shape))
         return JobResult(
             {
-                "sequential": found.sequential,
-                "checkerboard": found.checkerboard,
+                "sequential": found.sequential.value,
+                "checkerboard": found.checkerboard.value,
                 "scenes": float(np.exp(np.mean(np.log(list(scenes.values()))))),
                 **scenes,
                 "speckle_contrast": speckle_contrast(lit[centre]).contrast,
