@@ -8,6 +8,7 @@ import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ import holoview as hv
 from holoview.commands import cli
 from holoview.evidence.study.claims import QUANTITIES, judge_claim, parse_claim
 from holoview.evidence.study.hologram_report import report_html, review_hologram
+from holoview.holograms.metrics.sharpness import BlackBesideWhite, ContrastRatio, Mtf
 from holoview.util.errors import UserError
 from tests.chromium import Browser, check_document, needs_chromium
 from tests.page.pages import webgpu_browser
@@ -83,6 +85,13 @@ def test_the_command_makes_the_same_report_again(folder: Path, tmp_path: Path) -
     assert again["holograms"] == first["holograms"]
 
 
+def _with_error(found: dict[str, Any], name: str) -> str:
+    """A contrast ratio of a report as the page has it."""
+    value, error = found[f"{name}_contrast"], found[f"{name}_standard_error"]
+    places = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{value:.{places}f} ± {error:.{places}f}"
+
+
 def test_sharpness_contrast_ratios_and_the_observer_are_in_it(folder: Path, tmp_path: Path) -> None:
     one, picture = str(folder / "one.safetensors"), str(folder / "picture.png")
     options = (
@@ -99,7 +108,7 @@ def test_sharpness_contrast_ratios_and_the_observer_are_in_it(folder: Path, tmp_
     assert cli.main(["report", one, "--target", picture, *options, *claims, "-o", str(tmp_path / "r.html")]) == 0
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     (found,) = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["holograms"]
-    ratios = f"{found['sequential_contrast']:.3g} : 1, {found['checkerboard_contrast']:.3g} : 1"
+    ratios = ", ".join(_with_error(found, name) + " : 1" for name in ("sequential", "checkerboard"))
     assert found["sequential_contrast"] > 1 and ratios in page
     assert (found["mtf"] is None) == bool(found["no_mtf"]) and found["no_mtf"] in html.unescape(page)
     assert len(found["mtf_of_edge"]) == len(hv.load_hologram(one).system.planes_m)
@@ -264,6 +273,30 @@ def test_a_raw_value_is_a_bound_that_bears_out_a_claim_from_one_side(text: str, 
     assert judge_claim(parse_claim(text), values, is_raw=True).verdict == verdict
     is_of_light = text.startswith("PSNR")
     assert judge_claim(parse_claim(text), values, is_rough=True).verdict == (verdict if is_of_light else "undecided")
+
+
+@pytest.mark.parametrize("quantity", ["N_eff", "CR", "CR_sequential", "CR_checkerboard", "MTF50"])
+def test_claims_on_ratios_patterns_and_sharpness_know_their_errors(quantity: str) -> None:
+    """Within two standard errors they are undecided, on the page and in JSON; beyond, they have a verdict."""
+    system = hv.load("holochrome-8").with_(shape=list(SHAPE))
+    hologram = hv.Hologram(hv.random_drive(system, 1), system)
+    one = replace(
+        review_hologram("random patterns", "", hologram, 0.01, REGION),
+        black=BlackBesideWhite(30.0, 2.0, 100, 0.02),
+        display=SimpleNamespace(sequential=ContrastRatio(20.0, 1.0), checkerboard=ContrastRatio(10.0, 0.5)),  # type: ignore[arg-type]
+        mtf=Mtf(np.array([0.0, 0.1, 0.2]), np.array([1.0, 0.7, 0.3]), float("nan"), 0.01),
+    )
+    value, error = one.values[quantity]
+    assert error is not None and error > 0
+    claims = [parse_claim(f"{quantity} > {value - sigmas * error:.6f}") for sigmas in (1, 3, -3)]
+    assert [of.verdict for of in one.judge(claims)] == ["undecided", "holds", "doesn't hold"]
+    table = one.as_json(claims)
+    assert [claim["standard_error"] for claim in table["claims"]] == [error] * 3
+    assert (table["sequential_standard_error"], table["mtf"]["half_standard_error"]) == (1.0, 0.01)
+    page = report_html([one], claims, title="", command="", seeds={})
+    for words in ("20.0 ± 1.0 : 1, 10.00 ± 0.50 : 1", "15.00 ± 0.30 : 1", "0.150 ± 0.010 cycles a sample"):
+        assert words in page
+    assert "not of a sample, and have no standard error" in page
 
 
 def test_two_pixels_decide_no_claim(folder: Path, tmp_path: Path) -> None:
