@@ -346,3 +346,15 @@ def test_the_page_of_a_chain_claims_the_contrast_that_is_printed(
     (stored,) = read_page("chain.html").values()
     assert stored.system == system
     assert all(np.array_equal(stored.drive[key], drive) for key, drive in hologram.drive.items())
+
+
+@pytest.mark.parametrize("measured", ["h.safetensors", "seen.png"])
+def test_an_ignored_colour_profile_of_the_target_is_told_once(
+    hologram: hv.Hologram, capsys: pytest.CaptureFixture[str], measured: str
+) -> None:
+    rows, columns = simulate(hologram, planes=[10e-3], backend="torch").xyz.shape[1:3]
+    picture = Image.fromarray(np.random.default_rng(3).integers(40, 200, (rows, columns, 3), dtype=np.uint8))
+    picture.save("seen.png")
+    picture.save("damaged.png", icc_profile=b"damaged" * 40)
+    assert cli.main(["contrast", measured, "--target", "damaged.png"]) == 0
+    assert capsys.readouterr().err.count("note: damaged.png: embedded colour profile ignored: taken as sRGB") == 1

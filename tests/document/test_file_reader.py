@@ -228,3 +228,14 @@ def test_an_overtaken_opening_is_cancelled(
     assert session.document.origin != f"hologram {slow.name}"
     assert session.document.path == (quick if overtake == "open" else None)
     loader.close()
+
+
+def test_an_ignored_colour_profile_is_told(tmp_path: Path, session: EditingSession) -> None:
+    """In the sentence that the command line prints."""
+    Image.new("RGB", (40, 30), "red").save(tmp_path / "a.png", icc_profile=b"damaged" * 40)
+    loader = FileLoader(session, quick=False)
+    assert loader.open(tmp_path / "a.png").join(PATIENCE_S)
+    assert session.wait_until_idle(PATIENCE_S)
+    said = [message.text for message in session.messages.all]
+    assert said.count("a.png: embedded colour profile ignored: taken as sRGB") == 1
+    loader.close()
