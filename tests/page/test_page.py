@@ -243,7 +243,8 @@ def test_the_page_judges_a_contrast_as_python_does(browser: Browser, written: Wr
     light = srgb_decode(other / 255.0) if how.startswith("another plane") else light
     light[20:40, 30:60] = 2.0 if how == "something else" else light[20:40, 30:60]
     light[30:44, 40:54] *= 1.7 if how == "an object" else 1.0
-    light[30, 40] *= 1000.0 if how == "a bright sample" else 1.0
+    row, column = np.argwhere(linear[10:60, 10:80] == linear[10:60, 10:80].max())[0] + 10
+    light[row, column] *= 1000.0 if how == "a bright sample" else 1.0  # in the dark, division by the target would tell
     y = (light * ndimage.uniform_filter(rng.gamma(4, 0.25, light.shape), 3)).astype(np.float32)
     region, are_mistakable = (5, 4, 80, 60), how == "another plane"
     xyz, target, blurred = (np.repeat(of[..., None], 4, axis=-1) for of in (y, codes, other))
