@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -48,6 +49,10 @@ def _until(gui: Gui, condition: Callable[[], bool]) -> None:
     wait_until(condition, meanwhile=lambda: (gui.process_frames(), gui.app.compute_slice()), pause_s=0.0)
 
 
+LONG = 100_000
+"""[iterations] More than are done before somebody ends them, however long a busy machine takes for a click."""
+
+
 def _choose(gui: Gui, **fields: Any) -> None:
     gui.session.choose_optimisation(replace(gui.session.optimisation_choices, **fields))
 
@@ -74,14 +79,14 @@ def test_behind_a_quick_look_a_hint_stays_until_one_has_optimised(gui: Gui) -> N
 
 def test_optimise_is_followed_kept_and_taken_back(gui: Gui) -> None:
     old = gui.session.drive
-    _choose(gui, iterations=5000)
+    _choose(gui, iterations=LONG)
     gui.engine(lambda ctx: ctx.item_click("Optimise/Optimise##start"))
     job = running_optimisation(gui.session)
     assert job is not None
     _until(gui, lambda: job.latest is not None and gui.session.displayed_document.drive is not old)
     assert gui.session.drive is old, "the document changes only at the end"
-    gui.engine(lambda ctx: ctx.item_click("Optimise/Pause"))
-    assert job.status == "paused"
+    pause = partial(gui.engine, lambda ctx: ctx.item_click("Optimise/Pause"))
+    wait_until(lambda: job.status == "paused", meanwhile=pause, pause_s=0.0)  # again where a busy screen moved it
     gui.engine(lambda ctx: ctx.item_click("Optimise/Keep"))
     _until(gui, lambda: not job.is_active)
     assert job.status == "done" and gui.session.drive is not old
@@ -130,7 +135,7 @@ def _held(goes_on: Event, function: Callable[..., Any]) -> Callable[..., Any]:
 
 def test_cancel_leaves_the_old_patterns(gui: Gui) -> None:
     old = gui.session.drive
-    _choose(gui, iterations=5000)
+    _choose(gui, iterations=LONG)
     gui.press_chord("Ctrl+Enter")
     job = running_optimisation(gui.session)
     assert job is not None
