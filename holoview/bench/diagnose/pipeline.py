@@ -105,8 +105,8 @@ _LEAST_LEFT = 0.15
 """[1] Of the time, with less of which no other search begins. Evidence: a reason: its preparation takes as long."""
 _DECIDING_SHARE = 0.1
 """[1] Of the nominal excess χ²/n that light found by speckle leaves at most where brightness decides on unmodulated
-light, and where no other search follows. Evidence: drawn benches: it was right where 7 % were left and less; what leaves
-a third lacks other things."""
+light, and where no other search follows. Evidence: drawn benches: it was right where 7 % were left and less; what
+leaves a third lacks other things."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
