@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from holoview.commands import bench, bench_report
+from holoview.commands import bench
 from holoview.commands.cli import main
 from holoview.evidence.benchmark import report_run
 from holoview.evidence.benchmark.autograd_loop import ChainLoop
 from holoview.evidence.benchmark.chain_benchmark import benchmark_chain, intensity_error, torch_loop
-from holoview.evidence.benchmark.frame_benchmark import Criterion
 from holoview.evidence.benchmark.frame_jobs import JobTimings, full_frame, pattern_edit
-from holoview.evidence.benchmark.machine import probe_device
 from holoview.evidence.benchmark.report_run import OPTIMISER, PARITY, POWER, QUALITY, TORCH, VIEWER
 from holoview.evidence.benchmark.report_text import results
 from holoview.evidence.benchmark.time_to_quality import (
@@ -38,6 +35,7 @@ from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
+from tests.benchmark.short_report import shorten_report
 
 PICTURE = data_dir("assets") / "still-life.png"
 PHASE = {"kind": "phase", "pitch": "8 um", "shape": [12, 16], "stroke": "700 nm"}
@@ -184,12 +182,7 @@ def test_a_report_of_a_chain_holds_what_chains_have(
 ) -> None:
     monkeypatch.chdir(chain_file.parent)
     monkeypatch.setattr(report_run, "CHANGES", {})
-    monkeypatch.setattr(report_run, "_POWER_S", 0.0)
-    monkeypatch.setattr(report_run, "_QUALITY_LONG", 10)
-    monkeypatch.setattr(report_run, "first_image_criterion", lambda *_: Criterion("first image", 2.5, 5.0, 3.0, "s"))
-    monkeypatch.setattr(report_run, "probe_device", partial(probe_device, copy_bytes=2**16))
-    monkeypatch.setattr(bench_report, "_WINDOW", (320, 200))
-    monkeypatch.setattr(bench_report, "_VIEWER_ROUNDS", 2)
+    shorten_report(monkeypatch)
     assert main(["bench", chain_file.name, "--rounds", "1", "--report", "folder"]) == 0
     text = Path(capsys.readouterr().out.strip()).read_text(encoding="utf-8")
     data = json.loads(text.rpartition("```json\n")[2].partition("\n```")[0])

@@ -16,9 +16,7 @@ import pytest
 from holoview.commands import bench_report
 from holoview.commands.cli import main
 from holoview.evidence.benchmark import report_run
-from holoview.evidence.benchmark.frame_benchmark import Criterion
 from holoview.evidence.benchmark.frame_jobs import TuningReport
-from holoview.evidence.benchmark.machine import probe_device
 from holoview.evidence.benchmark.report_run import (
     FRAMES,
     OPTIMISER,
@@ -33,6 +31,7 @@ from holoview.evidence.benchmark.report_text import Values, report_markdown, res
 from holoview.light.gpu.device import TIMESTAMPS, Device
 from holoview.light.gpu.tune import TuningResult
 from holoview.util.processes import Interruption
+from tests.benchmark.short_report import shorten_report
 from tests.patience import PATIENCE_S
 
 gpu = pytest.mark.gpu
@@ -62,12 +61,7 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(report_run, name, partial(getattr(report_run, name), strategy="workgroup"))
     monkeypatch.setattr(report_run, "CHANGES", {"two modulators": {}})
     monkeypatch.setattr(report_run, "STRATEGIES", ("workgroup",))
-    monkeypatch.setattr(report_run, "_POWER_S", 0.0)
-    monkeypatch.setattr(report_run, "_QUALITY_LONG", 10)
-    monkeypatch.setattr(report_run, "first_image_criterion", lambda *_: Criterion("first image", 2.5, 5.0, 3.0, "s"))
-    monkeypatch.setattr(report_run, "probe_device", partial(probe_device, copy_bytes=2**16))
-    monkeypatch.setattr(bench_report, "_WINDOW", (320, 200))
-    monkeypatch.setattr(bench_report, "_VIEWER_ROUNDS", 2)
+    shorten_report(monkeypatch)
 
 
 @pytest.fixture

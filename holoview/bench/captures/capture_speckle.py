@@ -111,9 +111,13 @@ def mean_by_laser(found: list[CaptureContrast]) -> list[MeanContrast]:
 
 def _mean_and_error(estimates: Sequence[ContrastEstimate]) -> tuple[float, float]:
     """The mean contrast, and its standard error by the scatter, or of a single estimate by its grains."""
-    values = np.array([estimate.contrast for estimate in estimates])
-    scatter = values.std(ddof=1) / math.sqrt(len(values)) if len(values) > 1 else estimates[0].standard_error
-    return float(values.mean()), float(scatter)
+    values = [estimate.contrast for estimate in estimates]
+    return float(np.mean(values)), _error_of_mean(values) if len(values) > 1 else estimates[0].standard_error
+
+
+def _error_of_mean(values: Sequence[float]) -> float:
+    """The standard error of the mean of two values or more, by their scatter."""
+    return float(np.std(values, ddof=1)) / math.sqrt(len(values))
 
 
 # --- lasers together --------------------------------------------------------------------------------------------------
@@ -214,8 +218,8 @@ def _mean_measurement(sets: Sequence[SpeckleMeasurement]) -> SpeckleMeasurement:
         independent_colour=mean_colour([of.independent_colour for of in sets]),
         notes=max(sets, key=lambda of: len(of.notes)).notes,
         pattern_errors=(
-            float(np.std([of.patterns_of_powers for of in sets], ddof=1)) / math.sqrt(len(sets)),
-            float(np.std([of.patterns_of_correlation for of in sets], ddof=1)) / math.sqrt(len(sets)),
+            _error_of_mean([of.patterns_of_powers for of in sets]),
+            _error_of_mean([of.patterns_of_correlation for of in sets]),
         ),
     )
 
