@@ -21,6 +21,8 @@ from holoview.bench.diagnose.fit import CandidateFit
 from holoview.bench.diagnose.intervals import Interval
 from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, rank_on_held_out
 from holoview.bench.diagnose.search_context import SearchContext
+from holoview.light.model.effects.effect import ListParameter
+from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import make_context_of, small_system
 
 BLURRED = {"camera_blur": {"sigma": 3.0}}
@@ -96,6 +98,21 @@ def test_a_cause_that_may_be_nominal_is_not_named_beside_a_true_one(half_width: 
     decided, notes = veto_no_size(context, result, decision, intervals)[1:]
     assert decided.best is not None and decided.best.causes == ("tilt", *shift)[: 1 + is_named]
     assert is_named == (not notes)
+
+
+@pytest.mark.parametrize("name", sorted(listed_effects()))
+def test_every_effect_may_have_no_size_but_entries_of_a_list(name: str) -> None:
+    """Numbers at their nominal values: not named, beside a true cause. The entries of a list have no nominal value."""
+    true = {"wavelength_offset" if name == "tilt" else "tilt": {}}
+    context = make_context_of(_measured({}))
+    effect = listed_effects()[name]
+    own = {p.name: p.identity for p in effect.parameters if not isinstance(p, ListParameter)}
+    result, decision = _partly(context, {**true, name: own})
+    numbers = {p.name: p.read(own) for p in effect.parameters if not isinstance(p, ListParameter)}
+    entries = {f"{p.name}[0]": 0.0 for p in effect.parameters if isinstance(p, ListParameter)}
+    intervals = {(name, part): Interval(value, 0.1, 0.2) for part, value in (numbers | entries).items()}
+    decided, notes = veto_no_size(context, result, decision, intervals)[1:]
+    assert decided.best is not None and (name in decided.best.causes) == bool(entries) == (not notes)
 
 
 def test_a_cause_that_pictures_need_is_named_however_uncertain_its_numbers_are() -> None:

@@ -174,6 +174,22 @@ def test_workers_that_died_are_told(processes: WorkerPool) -> None:
         processes.run([partial(os._exit, 3)] * 4)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_pool_ends_though_a_process_died_while_it_waited_for_a_job(number: int) -> None:
+    """One of the waiting processes holds the lock of their queue, which then stays locked."""
+    before = {*multiprocessing.active_children()}
+    pool = WorkerPool(2)
+    pool.start()
+    victim = [*({*multiprocessing.active_children()} - before)][number]
+    assert victim.pid is not None
+    os.kill(victim.pid, signal.SIGKILL)
+    end = threading.Thread(target=pool.close, daemon=True)
+    end.start()
+    end.join(PATIENCE_S)
+    assert not end.is_alive() and {*multiprocessing.active_children()} <= before
+
+
 def test_an_interrupt_ends_the_workers() -> None:
     def interrupted(done: int) -> None:
         raise KeyboardInterrupt

@@ -27,7 +27,8 @@ _MOST_PICTURES = 16  # whose noise is looked at
 BLACK_LEVEL, GAIN, READ_NOISE, PLACE = "black level", "electrons a count", "read noise", "focal length and axis"
 """How the sentences of `Captures.estimated` begin on what a diagnosis may put right without calling it a fault."""
 _BLACK_NOISES = 2.0  # standard deviations of dark pixels: of an estimated black level
-_PLACE_PX, _SCALE_ERROR = 0.5, 0.005  # standard deviations of an axis and, at best, of a scale that speckle told
+_PLACE_PX, _SCALE_ERROR = 0.5, 0.005  # standard deviations, at best, of an axis and of a scale that speckle told
+_PLACE_GRAINS = 1.0  # standard deviation of that axis in grains of speckle: coma moves them against the rays' middle
 _GRAINS = 0.5  # standard deviation, in grains of speckle, of where the light lies farther out
 
 
@@ -40,7 +41,7 @@ def uncertainties(captures: Captures) -> dict[str, dict[str, float]]:
     if any(sentence.startswith(BLACK_LEVEL) for sentence in captures.estimated):
         found["camera_black"] = {"black": _BLACK_NOISES * max(dark_noise(image) for image in captures.images[:_FEW])}
     if any(sentence.startswith(PLACE) for sentence in captures.estimated):
-        shift_m = _PLACE_PX * captures.camera.pitch_m
+        shift_m = max(_PLACE_PX, _PLACE_GRAINS * _grain_px(captures)) * captures.camera.pitch_m
         found["camera_alignment"] = {"shift_y": shift_m, "shift_x": shift_m, "magnification": _scale_error(captures)}
     return found
 
@@ -48,11 +49,6 @@ def uncertainties(captures: Captures) -> dict[str, dict[str, float]]:
 def _scale_error(captures: Captures) -> float:
     """Standard deviation of a scale that speckle told: grains λf/W wide tell where the light is to a part of a grain,
     and the light's r.m.s. distance (pixels) from its middle is the lever."""
-    if captures.focal_length_m is None:
-        return _SCALE_ERROR
-    _, rows, columns = captures.levels.shape[1:]
-    width_m = max(rows, columns) * captures.slms[0].pitch_m
-    grain_px = float(captures.wavelength_m.max()) * captures.focal_length_m / width_m / captures.camera.pitch_m
     black, levers = captures.camera.black_level, list[float]()
     for image in captures.images[:_FEW]:
         light = np.maximum(image - (np.median(image) if math.isnan(black) else black), 0.0)
@@ -60,7 +56,15 @@ def _scale_error(captures: Captures) -> float:
         middle = [float((light * axis).sum() / max(light.sum(), 1.0)) for axis in (y, x)]
         square = np.square(y - middle[0]) + np.square(x - middle[1])
         levers.append(math.sqrt(float((light * square).sum() / max(light.sum(), 1.0))))
-    return max(_SCALE_ERROR, _GRAINS * grain_px / max(*levers, 1.0))
+    return max(_SCALE_ERROR, _GRAINS * _grain_px(captures) / max(*levers, 1.0))
+
+
+def _grain_px(captures: Captures) -> float:
+    """Width λf/W of the grains on a Fourier bench, in camera pixels; 0 elsewhere."""
+    if captures.focal_length_m is None:
+        return 0.0
+    width_m = max(captures.levels.shape[2:]) * captures.slms[0].pitch_m
+    return float(captures.wavelength_m.max()) * captures.focal_length_m / width_m / captures.camera.pitch_m
 
 
 def has_unknown(captures: Captures) -> bool:

@@ -25,7 +25,14 @@ from holoview.bench.diagnose.fit import (
     residual_function,
 )
 from holoview.bench.diagnose.intervals import format_number
-from holoview.bench.diagnose.judge import NOMINAL_FIT, first_per_cause_set, jitter_excess, rank_on_held_out
+from holoview.bench.diagnose.judge import (
+    NOMINAL_FIT,
+    SearchResult,
+    first_per_cause_set,
+    jitter_excess,
+    rank_on_held_out,
+)
+from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.power_law import changes_only_power
 from holoview.bench.diagnose.refine import FINAL_ITERATIONS, TOLERANT_MIN_ERROR
 from holoview.bench.diagnose.screening import screen_effects, without_costly_fits
@@ -41,6 +48,9 @@ _AS_GOOD_COST = 1.5
 MAX_DEVIATIONS = 3.0
 """[σ of the alignment] A larger correction is no error of the measurement, but a cause to be named. Evidence: one
 normal deviate in 400 is larger."""
+_LEAST_SHARE = 0.01
+"""[1] Of the excess χ²/n that causes leave, by how much more is left at most without what isn't uncertain in them.
+Evidence: a reason: as for causes that do nothing."""
 _LISTED = 3  # [corrections] Named in the note. Evidence: none needed: the others are in the JSON.
 
 Uncertainties = Mapping[str, Mapping[str, float]]
@@ -90,6 +100,22 @@ def corrections_alone(context: SearchContext, uncertain: Uncertainties) -> Fitte
     return _within_uncertainties(found, placed)
 
 
+def errors_of_estimates(result: SearchResult, uncertain: Uncertainties, known: Values) -> FittedValues | None:
+    """The causes of the best candidate that are no more than errors of uncertain numbers, which aren't known effects
+    yet; None where there are none. What nobody was uncertain of in such an effect (a rotation) must not matter.
+    """
+    best, others = result.best.fit.values, {name: own for name, own in uncertain.items() if name not in known}
+    found = {
+        name: {parameter: value for parameter, value in own.items() if parameter in others[name]}
+        for name, own in best.items()
+        if name in others
+    }
+    found = _within_uncertainties(found, others)
+    left = result.comparison.chi2_per_pixel({**best, **found}) - result.comparison.chi2_per_pixel(best)
+    most = max(jitter_excess(result.pixel_count), _LEAST_SHARE * result.best.excess)
+    return found if found and left < most else None
+
+
 @contextmanager
 def _ended_in_time(context: SearchContext) -> Iterator[None]:
     """Predictions end with the context's search meanwhile. Raises SearchEnded then."""
@@ -113,7 +139,8 @@ def correction_notes(corrections: FittedValues | None, uncertain: Uncertainties)
         return ()
     largest = sorted(deviations, key=lambda one: -deviations[one])[:_LISTED]
     texts = [f"{name}.{p} by {format_number(name, p, corrections[name][p])}" for name, p in largest]
-    return (f"Known effects were corrected within their uncertainties: {', '.join(texts)}, others by less.",)
+    others = ", others by less" if len(deviations) > _LISTED else ""
+    return (f"Known effects were corrected within their uncertainties: {', '.join(texts)}{others}.",)
 
 
 def _within_uncertainties(values: FittedValues, placed: Uncertainties) -> FittedValues:

@@ -12,6 +12,7 @@ stand nowhere in pictures that show grains, a lower χ² is no evidence.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -19,9 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.diagnose.capture_split import spread_over_wavelengths
+from holoview.bench.diagnose.fit import has_list
 from holoview.bench.diagnose.fit_statistics import speckle_change
 from holoview.bench.diagnose.intervals import Interval
-from holoview.bench.diagnose.judge import Decision, HeldOutScore, SearchResult, Verdict, score_on_held_out
+from holoview.bench.diagnose.judge import (
+    Decision,
+    HeldOutScore,
+    SearchResult,
+    Verdict,
+    explained_excess,
+    score_on_held_out,
+)
 from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.bench.diagnose.speckle_evidence import FAR_CHI2
@@ -38,8 +47,9 @@ _LEAST_SHARE = 0.01
 """[1] Of the excess χ²/n that a fit leaves: what a cause has to gain at least. Evidence: a reason: what is missing in a
 model far from the pictures takes or gives a hundredth by chance; near the floor the least Δχ² counts."""
 _NO_SIZE_SHARE = 0.1
-"""[1] Of the excess χ²/n, by how much more is left at most without a cause whose numbers may all be nominal. Evidence:
-a reason: the other causes aren't fitted again, and take a part of that."""
+"""[1] Of the excess χ²/n, by how much more is left at most without a cause whose numbers may all be nominal: of what
+causes leave, or of the nominal bench's where they explain it. Evidence: a reason: the other causes aren't always fitted
+again, and take a part of that; near the floor, another program's samples of the same bench differ by hundredths."""
 _UNCORRELATED = 0.3
 """[1] Correlation of local contrasts below which speckle stands nowhere. Evidence: a real bench: 0.14 with a blur that
 wasn't there, 0.77 with the true light."""
@@ -75,13 +85,11 @@ def veto_without_effect(context: SearchContext, result: SearchResult, decision: 
     best, notes = decision.best, list[str]()
     if best is None:
         return decision, notes
-    needed = _needed(context, result, best, _LEAST_SHARE)
+    needed = _needed(context, result, best.excess, _LEAST_SHARE)
     for name in reversed(best.causes):
         if len(best.causes) == 1:
             break
-        unfitted = score_on_held_out(best.fit.without(name), result.comparison, result.tolerant_comparison)
-        refitted = [one for one in result.candidates if {*one.causes} == {*unfitted.causes}]
-        fewer = min([unfitted, *refitted], key=lambda score: score.chi2_per_pixel)
+        fewer = _best_without(name, best, result)
         if _lost(fewer, best, result) < needed:
             notes.append(f"{name} is not named: without it the held-out pixels are predicted as well.")
             best = fewer
@@ -95,30 +103,41 @@ def veto_no_size(
     intervals: Mapping[tuple[str, str], Interval],
 ) -> tuple[SearchResult, Decision, list[str]]:
     """The result and the decision without causes whose every number has its nominal value in its interval, as long as
-    held-out pictures are predicted about as well without them; with notes. One cause stays, and a decision that
-    explains the captures stays as it is. intervals: of each (effect, parameter)."""
+    held-out pictures are predicted about as well without them; with notes. One cause stays, and causes that explain the
+    captures do so without the others too. intervals: of each (effect, parameter)."""
     best, notes = decision.best, list[str]()
-    if decision.verdict is not Verdict.PARTLY or best is None:
+    if best is None:
         return result, decision, notes
-    named = best
+    named, nominal = best, result.nominal.excess
+    explains = decision.verdict is not Verdict.PARTLY
+    most = explained_excess(nominal, result.pixel_count, context.config.verdict) if explains else math.inf
     for name in reversed(named.causes):
         if len(best.causes) == 1 or not _may_be_nominal(name, intervals):
             continue
-        fewer = score_on_held_out(best.fit.without(name), result.comparison, result.tolerant_comparison)
-        if _lost(fewer, best, result) < _needed(context, result, best, _NO_SIZE_SHARE):
+        fewer = _best_without(name, best, result)
+        needed = _needed(context, result, nominal if explains else best.excess, _NO_SIZE_SHARE)
+        if _lost(fewer, best, result) < needed and fewer.excess <= most:
             notes.append(f"{name} is not named: each of its numbers may be the nominal one, within its interval.")
             best = fewer
     if not notes:
         return result, decision, notes
-    alike = result.lookalikes
-    if alike is not None and alike.fit is named.fit:  # those of the causes that stay are the same
-        result = replace(result, lookalikes=replace(alike, fit=best.fit))
-    return result, replace(decision, best=best), notes
+    alike, dropped = result.lookalikes, {*named.causes} - {*best.causes}
+    if alike is not None and alike.fit is named.fit and best.fit.values.items() <= named.fit.values.items():
+        result = replace(result, lookalikes=replace(alike, fit=best.fit))  # those of the causes that stay are the same
+    rivals = tuple(one for one in decision.rivals if not dropped & {*one.causes})
+    return result, replace(decision, best=best, rivals=rivals), notes
 
 
-def _needed(context: SearchContext, result: SearchResult, best: HeldOutScore, share: float) -> float:
-    """The χ² that a cause has to gain: a share of the excess, and what any cause has to."""
-    return max(context.config.verdict.min_delta_chi2, share * max(best.excess, 0.0) * result.pixel_count)
+def _best_without(name: str, best: HeldOutScore, result: SearchResult) -> HeldOutScore:
+    """The best candidate without one of its causes: as it is, or a candidate whose other numbers were fitted again."""
+    unfitted = score_on_held_out(best.fit.without(name), result.comparison, result.tolerant_comparison)
+    refitted = [one for one in result.candidates if {*one.causes} == {*unfitted.causes}]
+    return min([unfitted, *refitted], key=lambda score: score.chi2_per_pixel)
+
+
+def _needed(context: SearchContext, result: SearchResult, excess: float, share: float) -> float:
+    """The χ² that a cause has to gain: a share of an excess χ²/n, and what any cause has to."""
+    return max(context.config.verdict.min_delta_chi2, share * max(excess, 0.0) * result.pixel_count)
 
 
 def _lost(fewer: HeldOutScore, best: HeldOutScore, result: SearchResult) -> float:
@@ -127,9 +146,11 @@ def _lost(fewer: HeldOutScore, best: HeldOutScore, result: SearchResult) -> floa
 
 
 def _may_be_nominal(name: str, intervals: Mapping[tuple[str, str], Interval]) -> bool:
-    """Whether the interval of every number of an effect holds its nominal value."""
+    """Whether the interval of every number of an effect holds its nominal value; entries of a list have none."""
+    if has_list(get_effect(name)):
+        return False
     nominal = {parameter.name: parameter.identity for parameter in get_effect(name).parameters}
-    own = [(part.partition("[")[0], interval) for (effect, part), interval in intervals.items() if effect == name]
+    own = [(part, interval) for (effect, part), interval in intervals.items() if effect == name]
     return bool(own) and all(abs(one.value - nominal[part]) <= one.half_width for part, one in own)
 
 

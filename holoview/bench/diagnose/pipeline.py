@@ -21,6 +21,7 @@ from holoview.bench.diagnose.calibration_prior import (
     Uncertainties,
     correction_notes,
     corrections_alone,
+    errors_of_estimates,
     known_corrections,
 )
 from holoview.bench.diagnose.capture_split import split_captures
@@ -107,6 +108,8 @@ _DECIDING_SHARE = 0.1
 """[1] Of the nominal excess χ²/n that light found by speckle leaves at most where brightness decides on unmodulated
 light, and where no other search follows. Evidence: drawn benches: it was right where 7 % were left and less; what
 leaves a third lacks other things."""
+_BESIDE_LIGHT = 2
+"""[causes] Searched beside light found by speckle, at most. Evidence: drawn benches: a blur, stray light."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
@@ -314,7 +317,10 @@ def _search_light(
     except SearchEnded:
         tell("The search by speckle was ended before it had found the light")
         return None
-    return None if light is None else _search(replace(records, captures=window.captures), has_time.left(), 1.0, light)
+    if light is None:
+        return None
+    request = replace(has_time.left(), uncertain={**uncertainties(window.captures), **request.uncertain})
+    return _search(replace(records, captures=window.captures), request, 1.0, light)
 
 
 @dataclass(frozen=True)
@@ -421,18 +427,25 @@ def _search(records: CheckedRecords, request: _Request, share: float, light: Fou
     """The diagnosis of captures with checked records, within a share of the budget. light: found by speckle before."""
     began = time.monotonic()
     request, assumed = _with_chosen_sampling(records.captures, request)
+    better, put_right = None, None
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share, light)
         if light is None:
             outcome = _find_causes(prepared, request.progress, request.forecast or (lambda text: None))
         else:
-            outcome = _judge_light(prepared, light, request.progress)
+            outcome, put_right = _judge_light(prepared, light, request)
         better = None if outcome.was_ended else outcome.better_sampling
-        if better is None:
+        if better is None and put_right is None:
             outcome = replace(outcome, notes=[*assumed, *outcome.notes])
             diagnosis = _assembled(prepared, outcome, request)
+    left_s = max(request.time_s - (time.monotonic() - began) / share, 0.0)
+    if light is not None and put_right is not None:
+        again = replace(request, known=add_effect_values(request.known, put_right), time_s=left_s)
+        others = {name: own for name, own in outcome.result.best.fit.values.items() if name not in put_right}
+        diagnosis = _search(records, again, share, replace(light, values=others))
+        notes = (*correction_notes(put_right, request.uncertain), *diagnosis.notes)
+        return replace(diagnosis, known=again.known, notes=notes)
     if better is not None:
-        left_s = max(request.time_s - (time.monotonic() - began) / share, 0.0)
         again = replace(request, sampling=better, has_open_sampling=False, time_s=left_s)
         diagnosis = _search(records, again, share)
         return replace(diagnosis, notes=(describe_better(better), *diagnosis.notes))
@@ -464,10 +477,15 @@ def _assembled(prepared: _Preparation, outcome: SearchOutcome, request: _Request
     return diagnosis
 
 
-def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCallback) -> SearchOutcome:
+def _judge_light(
+    prepared: _Preparation, light: FoundLight, request: _Request
+) -> tuple[SearchOutcome, FittedValues | None]:
     """The causes that stand for the light that was found by speckle, judged by least squares: in whole pictures, or in
-    parts of large ones and then in these."""
-    whole, are_searched = prepared.whole, light.after > NEAR_CORRELATION
+    parts of large ones and then in these.
+
+    Where some of them are no more than errors of what was estimated, these come beside an outcome that isn't judged.
+    """
+    whole, are_searched, progress = prepared.whole, light.after > NEAR_CORRELATION, request.progress
     torch.set_num_threads(whole.workers.workers)  # one fit after another, here, of large fields
     judge = partial(judge_captures, useless=prepared.useless, count=prepared.count, progress=progress)
     context = whole
@@ -477,12 +495,14 @@ def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCa
 
     def search_from(*starts: FittedValues) -> Callable[[Collection[int]], SearchOutcome]:
         fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in starts)
-        initial = InitialCandidates(fits, are_searched, over_field_only=True, has_fine=True)
+        initial = InitialCandidates(fits, are_searched, over_field_only=True, has_fine=True, beside=_BESIDE_LIGHT)
         return partial(search_once, context, progress=progress, initial=initial)
 
     search = search_from(light.values)
     found = search(whole.left_out)
     best, nominal = found.result.best, found.result.nominal
+    if not found.was_ended and (put_right := errors_of_estimates(found.result, request.uncertain, request.known)):
+        return found, put_right
     if not found.was_ended and best.excess < _DECIDING_SHARE * nominal.excess:
         search = search_from(best.fit.values, with_or_without_unmodulated(best.fit.values))
         found = search(whole.left_out)
@@ -496,10 +516,10 @@ def _judge_light(prepared: _Preparation, light: FoundLight, progress: ProgressCa
         outcome = replace(outcome, middle=middle)
     outcome = replace(outcome, notes=[*outcome.notes, describe_light(light)])
     if outcome.decision.verdict is not Verdict.PARTLY or outcome.decision.best is None:
-        return outcome
+        return outcome, None
     named = outcome.decision.best.fit  # far from the captures, derivatives tell nothing of what looks alike
     alike = Lookalikes(named, {cause: {} for cause in named.causes}, {cause: {} for cause in named.causes})
-    return replace(outcome, result=replace(outcome.result, lookalikes=alike))
+    return replace(outcome, result=replace(outcome.result, lookalikes=alike)), None
 
 
 def _find_causes(prepared: _Preparation, progress: ProgressCallback, forecast: TextCallback) -> SearchOutcome:

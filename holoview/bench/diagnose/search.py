@@ -124,7 +124,8 @@ class InitialCandidates:
     """The causes that a first search suggests for a further one. fits: the best first, then its rivals. are_searched:
     whether effects are searched beside them. over_field_only: only those that vary over the field. refit: whether
     values that were fitted to parts of these pictures are fitted to whole ones, and effects searched beside them.
-    has_fine: whether their secondary parameters are fitted too.
+    has_fine: whether their secondary parameters are fitted too. beside: how many further causes are searched where
+    these leave something, though they be many already.
     """
 
     fits: tuple[CandidateFit, ...]
@@ -132,6 +133,7 @@ class InitialCandidates:
     over_field_only: bool = False
     refit: Refit = Refit.ALWAYS
     has_fine: bool = False
+    beside: int = 0
 
 
 def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
@@ -188,6 +190,8 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
         further = [e for e in further if not is_dear(context, e)]
     if is_limited and initial.over_field_only:
         most = 0 if _is_explained(context, result) else _MAX_CAUSES_BEYOND_MIDDLE
+    if initial.beside and not _is_explained(context, result):
+        most = max(most, len(result.best.causes) + initial.beside)
     result = _with_further_causes(context, result, further, progress, most)
     has_simplest_names = initial.over_field_only and result.best.causes in [fit.causes for fit in initial.fits]
     return result if has_simplest_names else prefer_fewer_numbers(context, result)
@@ -195,7 +199,10 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
 
 def _effects_beside(context: SearchContext, initial: InitialCandidates) -> list[Effect]:
     """The effects that are searched beside the causes of a first search."""
-    effects, may_be_cheap = _visible_effects(context) if initial.are_searched else [], not initial.over_field_only
+    effects, may_be_cheap = (
+        _visible_effects(context) if initial.are_searched else [],
+        initial.beside or not initial.over_field_only,
+    )
     if len(context.windows) > 1:  # stuck pixels are seen where pictures and patterns are in one piece
         effects = [e for e in effects if not is_stuck_effect(e)]
     return [e for e in effects if e.varies_over_field or (may_be_cheap and not is_dear(context, e))]

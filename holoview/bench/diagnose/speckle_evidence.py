@@ -73,9 +73,9 @@ def window_for_light(captures: Captures, effects: Collection[str]) -> LightWindo
         return None
     beam, stands = near_beam(window), SpeckleSearch(Pictures(data)).held_out(None) > _STANDING
     has_beam = beam is not None and beam.explained > 0
-    if stands and not has_beam:
+    if stands and not (has_beam or window.is_fourier):
         return None
-    return LightWindow(window, beam, is_first=beam is None or (has_beam and not stands))
+    return LightWindow(window, beam, is_first=not stands and (beam is None or has_beam))
 
 
 def near_beam(window: Captures) -> NearBeam | None:

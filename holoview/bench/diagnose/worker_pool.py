@@ -27,9 +27,10 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO, TypeVar, cast
 
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import VARIABLE, give_back_freed_memory, worker_share, workers_within_memory
@@ -128,11 +129,16 @@ class WorkerPool:
     def _end_processes(self, kill: bool) -> None:
         if self._executor is None or self._ready is None:
             return
+        executor = self._executor
         while kill or not self._ready.done():
-            for process in list((self._executor._processes or {}).values()):
-                process.kill()
+            _kill(executor._processes)
             kill = not wait([self._ready], timeout=_POLL_S).done
-        self._executor.shutdown(cancel_futures=True)
+        processes, manager = executor._processes, cast("threading.Thread | None", executor._executor_manager_thread)
+        executor.shutdown(wait=False, cancel_futures=True)
+        while manager is not None and manager.is_alive():
+            if any(process.exitcode for process in list((processes or {}).values())):
+                _kill(processes)  # one that died while it waited for a job keeps the others from their end
+            manager.join(_POLL_S)
 
     def _has_processes(self) -> bool:
         """Whether the processes are ready; starts them when it is time. A closed pool has none: this process works."""
@@ -230,6 +236,12 @@ def _dump_job(job: Callable[[], Any], names: Mapping[int, str]) -> bytes:
     buffer = io.BytesIO()
     _JobPickler(buffer, names).dump(job)
     return buffer.getvalue()
+
+
+def _kill(processes: Mapping[int, BaseProcess] | None) -> None:
+    """Ends the processes of an executor, which has None once it is shut down."""
+    for process in list((processes or {}).values()):
+        process.kill()
 
 
 def _prepare_process(shared: SharedObjects, prepare: Callable[[], object] | None, memory: str) -> None:
