@@ -48,6 +48,17 @@ def test_a_disc_with_coma_and_half_the_stroke_is_named_and_measured(pictures: in
 
 
 @pytest.mark.explores
+@pytest.mark.parametrize(("stroke", "radius"), [(0.6, 1e3), (1.0, 40.0)])
+def test_what_was_estimated_of_a_picture_is_put_right_and_not_named(stroke: float, radius: float) -> None:
+    """Nobody stated the black level, nor where the axis is: what differs from their estimates is no fault."""
+    found = diagnose(_captures(FarField(coma=0.0, defocus=0.0, stroke=stroke, radius=radius), 20), free_maps=False)
+    assert [cause.effect for cause in found.causes] == ["stroke" if stroke < 1 else "beam"]
+    assert {*found.known} <= {"camera_black", "camera_alignment"}
+    said = [note for note in found.notes if note.startswith("Known effects were corrected within")]
+    assert bool(found.known) == bool(said)
+
+
+@pytest.mark.explores
 def test_pictures_that_another_pattern_made_have_no_such_light() -> None:
     """The captures' own patterns were never shown: no light makes their speckle stand, and none is named."""
     captures = _captures(FarField(coma=-0.3, defocus=0.1), 30)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import torch
 
@@ -498,7 +499,10 @@ def _judge_light(
         initial = InitialCandidates(fits, are_searched, over_field_only=True, has_fine=True, beside=_BESIDE_LIGHT)
         return partial(search_once, context, progress=progress, initial=initial)
 
-    search = search_from(light.values)
+    estimated: dict[str, dict[str, Any]] = {
+        name: {} for name in request.uncertain if name in whole.effects and name not in request.known
+    }
+    search = search_from({**estimated, **light.values})
     found = search(whole.left_out)
     best, nominal = found.result.best, found.result.nominal
     if not found.was_ended and (put_right := errors_of_estimates(found.result, request.uncertain, request.known)):
