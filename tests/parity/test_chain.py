@@ -6,10 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from holoview.evidence.benchmark.report_run import ExecutorPair, relative_error, stage_errors
 from holoview.holograms.view import random_drive, simulate
+from holoview.light.engine.compositor import Compositor
+from holoview.light.engine.frame import light_along
+from holoview.light.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
+from holoview.light.engine.fused_kernels import TILE_X, TILE_Y, StoredRows
 from holoview.light.gpu.device import Device
+from holoview.light.gpu.line_fft import supported_strategies
+from holoview.light.gpu.recorder import CommandRecorder
+from holoview.light.model.chain import Modulate
 from holoview.light.model.system import System
 
 pytestmark = pytest.mark.gpu
@@ -74,3 +82,76 @@ def test_a_whole_chain_is_the_same_on_all_backends(name: str) -> None:
         found = simulate(system, drive, backend=backend).intensity
         # independent roundings of up to 30 stages of 2.6e-7 each, in quadrature, √2 times as much in intensity
         assert relative_error(found, exact) < np.sqrt(2 * 30) * 2.6e-7
+
+
+# --- the fused kernels ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_each_fused_stage_of_a_chain_alone_gives_what_torch_gives(device: Device, name: str) -> None:
+    pair = ExecutorPair.open(_chain(CHAINS[name]), device)
+    for strategy in supported_strategies(device, pair.plan.grid.padded):
+        fused = FusedFrame(pair.plan, pair.shaders.inputs, device, strategy=strategy, plane=0)
+        for span in (WavelengthSpan(0, 0, 0), WavelengthSpan(1, 0, 1)):
+            errors = _fused_errors(pair, fused, span)
+            assert not {stage: error for stage, error in errors.items() if error > MOST}, strategy
+
+
+def _fused_errors(pair: ExecutorPair, fused: FusedFrame, span: WavelengthSpan) -> dict[str, float]:
+    """Relative L2 error of the light behind each place from the exact light before it, and of the intensity."""
+    errors, given, device, plan = {}, None, fused.device, pair.plan
+    for place, light in enumerate(_behind_places(pair, span)):
+        rows, recorder = fused.rows_behind(place), CommandRecorder(device)
+        target = fused.allocate_rows("rows", rows)
+        if given is None:
+            fused.record_first_place(recorder, span, target)
+        else:
+            fused.record_place(recorder, span, place, given, target)
+        recorder.submit()
+        exact, at = _stored(fused, place, light), _indices(rows, is_tiled=fused.strategy == "subgroup")
+        errors[f"place {place}"] = relative_error(
+            device.download(target.buffer, np.complex64, (rows.samples,))[at], exact
+        )
+        memory = np.zeros(rows.samples, np.complex64)
+        memory[at] = exact
+        given = BufferRegion(device.upload(memory, "exact rows"))
+    assert given is not None
+    recorder, intensity = CommandRecorder(device), Compositor(device, plan.grid.shape).intensity_buffer(1, "intensity")
+    fused.record_intensity(recorder, span, given, BufferRegion(intensity))
+    recorder.submit()
+    spectrum, last = pair.reference.spectrum(pair.reference.upload_field(light), plan.way.places[-1][-1]), plan.way.last
+    seen = pair.reference.field(pair.reference.transmit(spectrum, last, span.wavelength, 0), last)
+    exact = np.abs(pair.reference.download_field(seen)) ** 2
+    errors["intensity"] = relative_error(device.download(intensity, np.float32, plan.grid.shape), exact)
+    return errors
+
+
+def _behind_places(pair: ExecutorPair, span: WavelengthSpan) -> list[NDArray[np.complexfloating]]:
+    """The light (y, x) of torch behind the last element at each place."""
+    lasts = {numbers[-1] for numbers in pair.plan.way.places}
+    along = light_along(pair.reference, span.wavelength, span.frame, span.source)
+    return [
+        pair.reference.download_field(light)
+        for step, (_, light) in zip(pair.plan.way.steps, along, strict=False)
+        if isinstance(step, Modulate) and step.number in lasts
+    ]
+
+
+def _stored(fused: FusedFrame, place: int, light: NDArray[np.complexfloating]) -> NDArray[np.complex128]:
+    """What a frame stores of light (y, x): its spectra along x, or along both axes, at the stored frequencies."""
+    grid, relay = fused.grid, fused.fused_kernels.shape.first_relay + place
+    padded = np.zeros(grid.padded, np.complex128)
+    padded[grid.inside] = light
+    lines = np.fft.fft(padded, axis=1)[:, fused.layout.columns(relay).frequencies()]
+    if fused.rows_behind(place) == fused.layout.spectrum and fused.layout.keeps_spectrum:
+        return np.fft.fft(lines, axis=0)[fused.layout.spectrum_rows().frequencies()]
+    return lines[grid.inside[0]]
+
+
+def _indices(rows: StoredRows, *, is_tiled: bool) -> NDArray[np.int64]:
+    """Where each number (y, x) of rows lies in memory: row by row, or in tiles."""
+    y, x = np.arange(rows.rows)[:, None], np.arange(rows.columns)[None, :]
+    if not is_tiled:
+        return y * rows.stride + x
+    bands = y // TILE_Y * rows.stride * TILE_Y + y % TILE_Y * TILE_X
+    return bands + x // TILE_X * TILE_X * TILE_Y + x % TILE_X

@@ -99,6 +99,9 @@ SHAPES = {
     "periodic": FrameShape(Grid((64, 128), (64, 128), (0, 0), 4e-6, 2), ((_WHOLE, _WHOLE), (_WHOLE, _WHOLE)), 2),
     "padded": FrameShape(Grid((32, 64), (64, 128), (16, 32), 4e-6, 2), ((_WHOLE, _WHOLE), (_WHOLE, _WHOLE)), 2, False),
     "stops": FrameShape(Grid((64, 128), (64, 128), (0, 0), 4e-6, 2), ((_HALF, _WHOLE), (_HALF, _HALF)), 2),
+    "three places": FrameShape(
+        Grid((32, 64), (64, 128), (16, 32), 4e-6, 1), ((_WHOLE, _HALF), (_WHOLE, _WHOLE), (_HALF, _HALF)), 3
+    ),
     "one modulator": FrameShape(Grid((32, 64), (64, 128), (16, 32), 4e-6, 2), ((_WHOLE, _WHOLE), (_HALF, _HALF)), 1),
 }
 
@@ -119,9 +122,10 @@ def test_a_fused_kernel_compiles_in_every_permutation(
     if strategy not in supported_strategies(device, (64, 128)):
         pytest.skip("this adapter's lanes exchange nothing")
     layout = FrameLayout(device, SHAPES[shape], strategy)
-    relays = [layout.first_relay, 1] if kernel == "propagate" else [layout.first_relay if kernel == "light" else 1]
+    first, last = layout.shape.first_relay, layout.shape.last_relay
+    relays = {"light": [first], "propagate": range(first, last + 1), "modulate": range(min(first + 1, last), last + 1)}
     switches = _switches(kernel)
-    for relay, two, *chosen in product(set(relays), (False, True), *[(False, True)] * len(switches)):
+    for relay, two, *chosen in product(relays.get(kernel, [last]), (False, True), *[(False, True)] * len(switches)):
         constants = tuple(zip(switches, chosen, strict=True))
         variant = KernelVariant(SHAPES[shape], kernel, relay, constants, two)
         _compile(device, make_transform(layout, variant, half=half))

@@ -1,13 +1,14 @@
 """Records the fused kernels of a frame.
 
-    light      source × modulator 1 → row FFT              → first rows
-    propagate  column FFT × H of the gap → column IFFT     → rows behind the gap
-    modulate   row IFFT × modulator 2 → row FFT            → second rows
+    light      source × first place → row FFT              → rows
+    propagate  column FFT × H of a relay → column IFFT     → rows behind it      for each further place
+    modulate   row IFFT × that place → row FFT             → rows                where elements stand
     propagate  column FFT × H to the plane → column IFFT   → rows at the plane
     observe    row IFFT → |field|² × weight                → intensity
 
-With one modulator, `propagate` to the plane follows `light`. If the last relay's stops pass so little that the spectrum
-is smaller than the second rows, `propagate` to the plane is split, so that other planes are computed from the spectrum:
+A place is a modulator of the short form, or elements of a chain without a way between them. If the last relay's stops
+pass so little that the spectrum is smaller than the rows before it, `propagate` to the plane is split, so that other
+planes are computed from the spectrum:
 
     spectrum   column FFT                                  → spectrum
     image      × H to the plane → column IFFT              → rows at the plane
@@ -26,8 +27,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from hashlib import blake2b
 from typing import Literal
 
@@ -53,6 +55,7 @@ from holoview.light.engine.shader_structs import (
     PLANE_WAVE,
     PROPAGATION,
     ShaderInputs,
+    complex64,
     dense_transmission,
     modulator_uniform,
     pixel_spectra,
@@ -79,12 +82,14 @@ class DeviceTables:
 
     ("plane waves",)                          PlaneWave of each source and wavelength
     ("pixel spectra",)                        spectrum of one pixel in each of these waves, along y, then along x
-    ("modulators", modulator)                 Modulator of each wavelength
-    ("opd", frame, modulator)                 optical path of each pixel, in strokes
-    ("dense", frame, modulator, wavelength)   transmission of each sample, if it is given sample by sample
+    ("modulators", place)                     Modulator of each wavelength
+    ("opd", frame, place)                     optical path of each pixel, in strokes
+    ("dense", frame, place, wavelength)       transmission of each sample, if it is given sample by sample
     ("propagations", relay)                   Propagation of each wavelength
     ("support", relay)                        column support of each wavelength
     ("pupil", relay, wavelength)              pupil of a relay, if it apodises or aberrates
+
+    Of a chain the last two are made when they are asked for, and are given back by `forget_beams`.
     """
 
     def __init__(self, device: Device, plan: Plan, inputs: ShaderInputs, plane: int | None = None) -> None:
@@ -103,7 +108,7 @@ class DeviceTables:
     def set_plan(self, plan: Plan, inputs: ShaderInputs, plane: int | None = None) -> None:
         """Replace the plan by one with the same grid and the same numbers of wavelengths, frames and sources.
 
-        plane: to which relay 1 leads, by its index; None: the way to a plane stays that of the last `set_plane`. All
+        plane: to which the last relay leads, by its index; None: that of the last `set_plane`. All
         tables are computed, and with them all hooks of effects are called, before the first is written: an exception
         leaves everything as it was.
         """
@@ -114,12 +119,12 @@ class DeviceTables:
         self._apply(changes)
 
     def set_plane(self, plane: int, wavelengths: Iterable[int] | None = None) -> None:
-        """Set the focal plane to which relay 1 leads, by its index in the plan, at all wavelengths or some.
+        """Set the focal plane to which the last relay leads, by its index in the plan, at all wavelengths or some.
 
         It holds for all work that hasn't been submitted yet, including recorded work.
         """
         changes = TableChanges(self.plan, self.inputs)
-        self._add_propagation(changes, 1, plane, wavelengths)
+        self._add_propagation(changes, self.plan.way.last, plane, wavelengths)
         self._apply(changes)
 
     def table(self, *key: str | int) -> Buffer:
@@ -128,15 +133,32 @@ class DeviceTables:
 
     def pupil(self, relay: int, wavelength: int) -> tuple[bool, Buffer]:
         """Whether the relay has a pupil at that wavelength, and its buffer; a dummy buffer if it has none."""
-        return self._optional("pupil", relay, wavelength)
+        pupil = self.inputs.pupils[relay][wavelength] if self.plan.way.is_chain else None
+        return self._optional(None if pupil is None else partial(complex64, pupil), "pupil", relay, wavelength)
 
-    def dense(self, frame: int, modulator: int, wavelength: int) -> tuple[bool, Buffer]:
-        """Whether a modulator's transmission is given sample by sample, and its buffer; a dummy buffer if it isn't."""
-        return self._optional("dense", frame, modulator, wavelength)
+    def opd(self, frame: int, place: int) -> Buffer:
+        """The buffer of the optical paths at a place; a dummy buffer if it has none."""
+        return self._tables.get(("opd", frame, place), self._no_table)
 
-    def _optional(self, *key: str | int) -> tuple[bool, Buffer]:
+    def dense(self, frame: int, place: int, wavelength: int) -> tuple[bool, Buffer]:
+        """Whether the transmission of a place is given sample by sample, and its buffer; a dummy buffer if it isn't."""
+        if not self.plan.way.is_chain:
+            return self._optional(None, "dense", frame, place, wavelength)
+        numbers = self.plan.way.places[place]
+        shown = max(self.inputs.shown_first(frame, number) for number in numbers)
+        samples = partial(dense_transmission, self.inputs, shown, numbers, wavelength)
+        return self._optional(samples, "dense", shown, place, wavelength)
+
+    def _optional(self, samples: Callable[[], NDArray[np.complex64]] | None, *key: str | int) -> tuple[bool, Buffer]:
+        if samples is not None and key not in self._tables:
+            self._tables[key] = self._device.upload(samples(), " ".join(map(str, key)))
         table = self._tables.get(key)
         return table is not None, table or self._no_table
+
+    def forget_beams(self) -> None:
+        """Gives back what was made for beams of a chain."""
+        if self.plan.way.is_chain:
+            self._tables = {key: table for key, table in self._tables.items() if key[0] not in ("dense", "pupil")}
 
     def is_tilted(self, source: int, wavelengths: range) -> bool:
         """Whether the plane wave of a source is tilted at any of some wavelengths."""
@@ -172,18 +194,19 @@ class DeviceTables:
         self._restate(changes, ("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
         spectra = [pixel_spectra(plan, wavelength, source) for source in sources for wavelength in wavelengths]
         self._restate(changes, ("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
-        for modulator in range(len(plan.system.modulators)):
-            strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
-            self._restate(changes, ("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
-        if plan.system.gap_m is not None:
-            self._add_propagation(changes, 0, 0)
+        places, last = len(plan.way.places), plan.way.last
+        for place in range(places):
+            strokes = [modulator_uniform(plan, place, wavelength) for wavelength in wavelengths]
+            self._restate(changes, ("modulators", place), [MODULATOR.pack(**values) for values in strokes])
+        for relay in range(last + 1 - places, last):
+            self._add_propagation(changes, relay, 0)
         if plane is not None:
-            self._add_propagation(changes, 1, plane)
+            self._add_propagation(changes, last, plane)
 
     def _add_propagation(
         self, changes: TableChanges, relay: int, plane: int, wavelengths: Iterable[int] | None = None
     ) -> None:
-        """Add the tables of a relay: over the gap (0), or to the plane of an index (1)."""
+        """Add the tables of a relay: of the last to the plane of an index."""
         plan = changes.plan
         grid, count = plan.grid, len(plan.system.wavelengths_m)
         propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
@@ -203,6 +226,8 @@ class DeviceTables:
 
     def _add_inputs(self, changes: TableChanges) -> None:
         """Add the tables of the inputs: optical paths, transmissions and pupils."""
+        if changes.plan.way.is_chain:  # each is made when it is asked for
+            return
         for frame in range(changes.plan.system.frames):
             for index, modulator in enumerate(changes.plan.system.modulators):
                 strokes = changes.inputs.stroke_fractions(frame, index, modulator.stroke_m)
@@ -222,7 +247,7 @@ class DeviceTables:
         for wavelength in range(len(plan.system.wavelengths_m)):
             key = ("dense", frame, modulator, wavelength)
             if inputs.is_sampled(modulator) and plan.weights[frame, wavelength] > 0:
-                self._add(changes, key, [dense_transmission(inputs, frame, modulator, wavelength).tobytes()])
+                self._add(changes, key, [dense_transmission(inputs, frame, [modulator], wavelength).tobytes()])
             else:
                 changes.dropped.append(key)
 
@@ -306,8 +331,8 @@ class FusedFrame:
     """Records the kernels of a frame of one plan, which `tables.set_plan` can replace by another on the same grid.
 
     half: store fields as f16 between kernels (if `fused_kernels` is None). max_wavelengths: the most wavelengths of a
-    span. fused_kernels: the kernels for this grid, if they exist already. plane: to which relay
-    1 leads, by its index; None: set later. Raises UserError if the grid exceeds the device's limits.
+    span. fused_kernels: the kernels for this grid, if they exist already. plane: to which the last
+    relay leads, by its index; None: set later. Raises UserError if the grid exceeds the device's limits.
     """
 
     def __init__(
@@ -339,10 +364,15 @@ class FusedFrame:
         """The rows that are stored between the kernels."""
         return self.fused_kernels.layout(self.strategy)
 
+    def rows_behind(self, place: int) -> StoredRows:
+        """The rows that `record_first_place` and `record_place` give of a place."""
+        shape = self.fused_kernels.shape
+        return self.kept if place == shape.places - 1 else self.layout.entering[shape.first_relay + place]
+
     @property
     def kept(self) -> StoredRows:
-        """The rows that `record_second_modulator` gives: the second rows, or the spectrum."""
-        return kept_rows(self.layout)
+        """The rows that `record_place` gives of the last place."""
+        return self.layout.kept
 
     def allocate_rows(self, label: str, rows: StoredRows) -> BufferRegion:
         """New memory for rows of a span of `max_wavelengths`."""
@@ -360,28 +390,32 @@ class FusedFrame:
     @property
     def traffic_bytes(self) -> int:
         """Bytes that the kernels read and write for one field, from the source to the intensity."""
-        modulators = len(self.tables.plan.system.modulators)
-        opd = modulators * math.prod(self.grid.shape) * _F32 // self.grid.upsample**2
-        layout = self.layout
-        kernels = [("propagate", 0), ("modulate", 1)] if modulators > 1 else []
-        kernels += [("spectrum", 1), ("image", 1)] if layout.keeps_spectrum else [("propagate", 1)]
-        numbers = layout.first.samples + layout.plane.samples  # that `light` writes and `observe` reads
+        layout, shape = self.layout, self.fused_kernels.shape
+        opd = shape.places * math.prod(self.grid.shape) * _F32 // self.grid.upsample**2
+        kernels = [("propagate", relay) for relay in range(shape.first_relay, shape.last_relay)]
+        kernels += [("modulate", relay + 1) for _, relay in kernels]
+        last = ("spectrum", "image") if layout.keeps_spectrum else ("propagate",)
+        kernels += [(kernel, shape.last_relay) for kernel in last]
+        numbers = layout.entering[shape.first_relay].samples + layout.leaving[-1].samples  # of `light` and `observe`
         numbers += sum(rows.samples for kernel in kernels for rows in rows_of(layout, *kernel))
         return numbers * self._number_bytes + opd + math.prod(self.grid.shape) * _F32
 
     @property
     def works_in_place(self) -> bool:
-        """Whether `record_second_modulator` is faster if its target is the region of the first rows."""
+        """Whether `record_place` is faster if its target is the region of the rows that it begins with."""
         return works_in_place(self.layout)
 
     def use_strategy(self, strategy: Strategy) -> None:
         """Use another FFT strategy from now on. Stored fields become invalid: their spectra are in another order."""
         layout, (height, width) = self.fused_kernels.layout(strategy), self.grid.padded
         work = self._allocate_work(strategy)
-        largest = max((layout.first, layout.gap, layout.plane, kept_rows(layout)), key=lambda rows: rows.samples)
+        entering, leaving = (rows[layout.shape.first_relay :] for rows in (layout.entering, layout.leaving))
+        largest = max((*entering, *leaving, layout.kept), key=lambda rows: rows.samples)
         others = largest
-        if layout.keeps_spectrum and layout.gap == layout.second:  # then the wide rows are all in the other one
-            others = max(layout.first, layout.spectrum, key=lambda rows: rows.samples)
+        if (
+            layout.keeps_spectrum and leaving[:-1] == entering[1:] == entering[-1:]
+        ):  # the wide rows are in the other one
+            others = max(entering[0], layout.spectrum, key=lambda rows: rows.samples)
         label = f"rows of the field, {width} x {height}"
         self._scratch = [self.allocate_rows(label, rows) for rows in (others, largest)]
         self.strategy, self._work = strategy, work
@@ -389,74 +423,98 @@ class FusedFrame:
 
     def required_variants(self) -> frozenset[KernelVariant]:
         """The kernel variants that the plan needs."""
-        return self._variants(self.strategy)
-
-    def _variants(self, strategy: Strategy) -> frozenset[KernelVariant]:
-        wavelengths = range(len(self.tables.plan.system.wavelengths_m))
-        has_pupil = [{self.tables.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
-        is_dense = [self.tables.inputs.is_sampled(modulator) for modulator in (0, 1)]
-        return required_variants(self.fused_kernels.layout(strategy), self.tables.plan, has_pupil, is_dense)
+        plan, inputs = self.tables.plan, self.tables.inputs
+        has_pupil = [{pupil is not None for pupil in pupils} for pupils in inputs.pupils]
+        is_dense = [inputs.is_sampled(numbers[0]) for numbers in plan.way.places]
+        return required_variants(self.layout, plan, has_pupil, is_dense)
 
     # --- kernels ----------------------------------------------------------------------------------------------------
 
-    def record_first_modulator(
+    def record_light(
         self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None = None
     ) -> BufferRegion:
-        """Record the kernel of the first rows: the field behind modulator 1, transformed along x."""
-        target = target or self._scratch[0]
-        tables, frame = self.tables, span.frame
-        is_tilted = tables.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
-        is_dense, dense = tables.dense(frame, 0, span.wavelength)
-        buffers = [tables.table("plane waves"), tables.table("modulators", 0), tables.table("opd", frame, 0), dense]
-        switches = (("is_tilted", is_tilted), ("is_dense", is_dense))
-        self._record_kernel(recorder, "light", self.layout.first_relay, span, None, target, buffers, switches)
-        return target
+        """Record all kernels from the source to what is kept for all planes."""
+        last = self.fused_kernels.shape.places - 1
+        rows = self.record_first_place(recorder, span, target if last == 0 else None)
+        for place in range(1, last + 1):
+            rows = self.record_place(recorder, span, place, rows, target if place == last else None)
+        return rows
 
-    def record_second_modulator(
-        self, recorder: CommandRecorder, span: WavelengthSpan, first: BufferRegion, target: BufferRegion | None = None
+    def record_first_place(
+        self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None = None
     ) -> BufferRegion:
-        """Record the kernels of the rows that are kept for all planes: the second rows, or the spectrum.
-
-        With one modulator nothing is recorded, and `first` is returned.
-        """
-        if self.tables.plan.system.gap_m is None:
-            return first
-        layout, wide, other = self.layout, self._scratch[1], self._scratch[0]
-        if layout.keeps_spectrum:
-            gap = wide
-            second, target = (wide, target or other) if layout.gap == layout.second else (other, target or wide)
-        elif layout.gap == layout.second:
-            gap = second = target = target or (other if self.works_in_place else wide)
-        else:
-            gap, second = wide, target or other
-            target = second
-        self._record_propagation(recorder, "propagate", span, 0, first, gap)
-        is_dense, dense = self.tables.dense(span.frame, 1, span.wavelength)
-        buffers = [self.tables.table("modulators", 1), self.tables.table("opd", span.frame, 1), dense]
-        self._record_kernel(recorder, "modulate", 1, span, gap, second, buffers, (("is_dense", is_dense),))
-        if layout.keeps_spectrum:
-            self._record_kernel(recorder, "spectrum", 1, span, second, target, [])
+        """Record the kernel of the light behind the first place, transformed along x."""
+        target = target or self._scratch[0]
+        is_tilted = self.tables.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
+        is_dense, buffers = self._transmission(span, 0)
+        buffers, switches = [self.tables.table("plane waves"), *buffers], (("is_tilted", is_tilted), is_dense)
+        relay = self.fused_kernels.shape.first_relay
+        self._record_kernel(recorder, "light", relay, span, None, target, buffers, switches)
         return target
+
+    def record_place(
+        self,
+        recorder: CommandRecorder,
+        span: WavelengthSpan,
+        place: int,
+        rows: BufferRegion,
+        target: BufferRegion | None = None,
+    ) -> BufferRegion:
+        """Record the kernels from the light behind the place before to that behind a place, transformed along x.
+
+        place: its number, from 1. Of the last place it is what is kept for all planes: these rows, or the spectrum.
+        """
+        layout, (other, wide) = self.layout, self._scratch
+        relay = self.fused_kernels.shape.first_relay + place - 1
+        has_spectrum = layout.keeps_spectrum and place == self.fused_kernels.shape.places - 1
+        to, behind = None if has_spectrum else target, wide if rows != wide else other
+        if layout.leaving[relay] == layout.entering[relay + 1]:
+            behind = modulated = to or (rows if self.works_in_place and rows in self._scratch else behind)
+        else:
+            modulated = to or (other if behind != other else wide)
+        self._record_propagation(recorder, "propagate", span, relay, rows, behind)
+        is_dense, buffers = self._transmission(span, place)
+        self._record_kernel(recorder, "modulate", relay + 1, span, behind, modulated, buffers, (is_dense,))
+        if not has_spectrum:
+            return modulated
+        target = target or (other if modulated != other else wide)
+        self._record_kernel(recorder, "spectrum", relay + 1, span, modulated, target, [])
+        return target
+
+    def _transmission(self, span: WavelengthSpan, place: int) -> tuple[tuple[str, bool], list[Buffer]]:
+        """The switch and the tables of what multiplies light at a place."""
+        is_dense, dense = self.tables.dense(span.frame, place, span.wavelength)
+        return ("is_dense", is_dense), [
+            self.tables.table("modulators", place),
+            self.tables.opd(span.frame, place),
+            dense,
+        ]
+
+    def forget_beams(self) -> None:
+        """Gives back the tables that were made for beams of a chain, once what uses them is submitted."""
+        if self.tables.plan.way.is_chain:
+            self.tables.forget_beams()
+            self._dispatches.clear()
 
     def record_intensity(
         self,
         recorder: CommandRecorder,
         span: WavelengthSpan,
-        second: BufferRegion,
+        kept: BufferRegion,
         intensity: BufferRegion,
         *,
         weight: float = 1.0,
         accumulates: bool = False,
     ) -> None:
-        """Record weight·|field|² at the plane of relay 1, stored to or, with `accumulates`, added to `intensity`.
+        """Record weight·|field|² at the plane of the last relay, stored or, with `accumulates`, added to `intensity`.
 
-        second: the result of `record_second_modulator`.
+        kept: the light behind the last place, as `record_place` gives it.
         """
-        at_plane = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
-        last = "image" if self.layout.keeps_spectrum else "propagate"
-        self._record_propagation(recorder, last, span, 1, second, at_plane)
+        at_plane = self._scratch[1] if kept != self._scratch[1] else self._scratch[0]
+        kernel, last = "image" if self.layout.keeps_spectrum else "propagate", self.fused_kernels.shape.last_relay
+        self._record_propagation(recorder, kernel, span, last, kept, at_plane)
         switches = (("accumulates", accumulates),)
-        self._record_kernel(recorder, "observe", 1, span, at_plane, intensity, [], switches, weight=weight)
+        self._record_kernel(recorder, "observe", last, span, at_plane, intensity, [], switches, weight=weight)
 
     def _record_propagation(
         self,
@@ -511,15 +569,12 @@ class FusedFrame:
 
     def _allocate_work(self, strategy: Strategy) -> Buffer | None:
         """The work buffer of the transforms, if they need one. Raises UserError for an unsupported size."""
-        transforms = (self.fused_kernels.transform(variant, strategy) for variant in self._variants(strategy))
+        kernels = self.fused_kernels
+        variants = kernels.plain_variants(strategy, self.tables.plan)  # pupils and transmissions need no work
+        transforms = (kernels.transform(variant, strategy) for variant in variants)
         nbytes = self.max_wavelengths * max(transform.work_bytes for transform in transforms)
         size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
         return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None
-
-
-def kept_rows(layout: FrameLayout) -> StoredRows:
-    """The rows that are kept for all planes: the second rows, or the spectrum."""
-    return layout.spectrum if layout.keeps_spectrum else layout.second
 
 
 def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> list[WavelengthSpan]:
@@ -581,7 +636,7 @@ class FieldMemory:
         self._buffers.clear()
 
     def _rows(self, name: FieldName) -> StoredRows:
-        return self._frame.layout.first if name == "first" else self._frame.kept
+        return self._frame.rows_behind(0) if name == "first" else self._frame.kept
 
     def _buffer_bytes(self, name: FieldName) -> int:
         return self._frame.rows_bytes(self._rows(name)) * self._frame.max_wavelengths

@@ -48,29 +48,39 @@ TILE_X, TILE_Y = 4, 16
 _MAX_KEPT = 16  # shapes of frames whose kernels a device keeps, of some hundred kB each
 _PARTS = 8  # bands end at multiples of this share of the grid, so that small edits of a stop need no new kernels
 
-Bands = tuple[tuple[Range, Range], tuple[Range, Range]]
-"""The ranges of k_y and k_x that are computed, for either relay."""
+Bands = tuple[tuple[Range, Range], ...]
+"""The ranges of k_y and k_x that are computed, for each relay."""
 
 
 @dataclass(frozen=True)
 class FrameShape:
     """The properties of a plan on which the code of the kernels depends.
 
-    bands: contain what the relays pass. modulators: their number. has_plain_pixels: whether the field behind the first
-    modulator follows from one sample for each of its pixels.
+    bands: contain what the relays pass. places: at which elements stand, with a relay behind each; a relay before these
+    isn't used. has_plain_pixels: whether the field behind the first place follows from one sample for each pixel.
     """
 
     grid: Grid
     bands: Bands
-    modulators: int
+    places: int
     has_plain_pixels: bool = True
+
+    @property
+    def first_relay(self) -> int:
+        """The relay behind the first place."""
+        return len(self.bands) - self.places
+
+    @property
+    def last_relay(self) -> int:
+        """The relay to the planes."""
+        return len(self.bands) - 1
 
     def contains(self, other: FrameShape) -> bool:
         """Whether kernels of this shape compute frames of the other shape, whose bands lie inside."""
         pairs = zip(sum(self.bands, ()), sum(other.bands, ()), strict=True)
         is_inside = all(mine[0] <= theirs[0] and theirs[1] <= mine[1] for mine, theirs in pairs)
-        rest = (self.grid, self.modulators, self.has_plain_pixels)
-        return is_inside and rest == (other.grid, other.modulators, other.has_plain_pixels)
+        rest = (self.grid, self.places, self.has_plain_pixels)
+        return is_inside and rest == (other.grid, other.places, other.has_plain_pixels)
 
 
 def frame_shape(plan: Plan, *, has_plain_pixels: bool = True) -> FrameShape:
@@ -79,13 +89,15 @@ def frame_shape(plan: Plan, *, has_plain_pixels: bool = True) -> FrameShape:
     has_plain_pixels: whether the transmission of the first modulator is constant over each of its pixels.
     """
     grid = plan.grid
-    first, second = (
-        tuple(_outwards((low, high), n) for low, high, n in zip(band.lowest, band.highest, grid.padded, strict=True))
-        for band in (plan.band(0), plan.band(1))
+    bands = tuple(
+        (
+            _outwards((band.lowest[0], band.highest[0]), grid.padded[0]),
+            _outwards((band.lowest[1], band.highest[1]), grid.padded[1]),
+        )
+        for band in map(plan.band, range(len(plan.relays)))
     )
     is_divisible = all(n % grid.upsample == 0 for n in grid.padded) and grid.upsample > 1
-    bands = ((first[0], first[1]), (second[0], second[1]))
-    return FrameShape(grid, bands, len(plan.system.modulators), has_plain_pixels and is_divisible)
+    return FrameShape(grid, bands, len(plan.way.places), has_plain_pixels and is_divisible)
 
 
 def _outwards(band: Range, n: int) -> Range:
@@ -119,9 +131,7 @@ class StoredRows:
 class FrameLayout:
     """The rows between the kernels of a frame with a strategy of the FFTs.
 
-    first: behind the first modulator, transformed along x. gap: behind the gap, transformed along x. second: behind the
-    last modulator, transformed along x; with one modulator it is `first`. spectrum: `second`, transformed along y as
-    well. plane: at the focal plane, transformed along x.
+    Kernels along x work on whole fields, and all others on the frequencies along x that a relay passes.
     """
 
     device: Device
@@ -153,48 +163,45 @@ class FrameLayout:
         """The frequencies of a relay that are computed, along y (0) or x (1)."""
         return self.shape.bands[relay][axis]
 
-    @property
-    def first_relay(self) -> int:
-        """The relay behind the first modulator."""
-        return 0 if self.shape.modulators > 1 else 1
-
     def columns(self, relay: int) -> SpectrumOrder:
         """The frequencies along x that are stored of the light in a relay."""
         return self._order(self.shape.grid.padded[1], self.band(relay, 1))
 
     @cached_property
     def first_columns(self) -> SpectrumOrder:
-        """The frequencies along x that are stored of the field behind the first modulator."""
-        return self._order(self.pixel_grid.padded[1], self.band(self.first_relay, 1))
+        """The frequencies along x that are stored of the field behind the first place."""
+        return self._order(self.pixel_grid.padded[1], self.band(self.shape.first_relay, 1))
 
     def spectrum_rows(self) -> SpectrumOrder:
         """The frequencies along y that are stored of the light in the last relay."""
-        return self._order(self.shape.grid.padded[0], self.band(1, 0))
+        return self._order(self.shape.grid.padded[0], self.band(self.shape.last_relay, 0))
 
     @cached_property
-    def first(self) -> StoredRows:
-        return StoredRows(self.pixel_grid.shape[0], self.first_columns.count)
+    def leaving(self) -> tuple[StoredRows, ...]:
+        """By relays, the light behind each, transformed along x."""
+        rows = self.shape.grid.shape[0]
+        return tuple(StoredRows(rows, self.columns(relay).count) for relay in range(len(self.shape.bands)))
 
     @cached_property
-    def gap(self) -> StoredRows:
-        return StoredRows(self.shape.grid.shape[0], self.columns(0).count)
+    def entering(self) -> tuple[StoredRows, ...]:
+        """By relays, the light before each, transformed along x."""
+        first = StoredRows(self.pixel_grid.shape[0], self.first_columns.count)
+        return tuple(first if relay == self.shape.first_relay else rows for relay, rows in enumerate(self.leaving))
 
     @cached_property
-    def plane(self) -> StoredRows:
-        return StoredRows(self.shape.grid.shape[0], self.columns(1).count)
-
-    @property
-    def second(self) -> StoredRows:
-        return self.first if self.shape.modulators == 1 else self.plane
-
-    @property
     def spectrum(self) -> StoredRows:
-        return StoredRows(self.spectrum_rows().count, self.columns(1).count)
+        """The light before the last relay, transformed along x and y."""
+        return StoredRows(self.spectrum_rows().count, self.columns(self.shape.last_relay).count)
 
     @property
     def keeps_spectrum(self) -> bool:
-        """Whether `spectrum` is kept for other focal planes instead of `second`, because it is smaller."""
-        return self.shape.modulators > 1 and self.spectrum.samples < self.second.samples
+        """Whether `spectrum` is kept for other focal planes instead of the rows before it, because it is smaller."""
+        return self.shape.places > 1 and self.spectrum.samples < self.entering[-1].samples
+
+    @property
+    def kept(self) -> StoredRows:
+        """What is kept for all planes: the rows before the last relay, or the spectrum."""
+        return self.spectrum if self.keeps_spectrum else self.entering[-1]
 
     def _order(self, n: int, band: Range) -> SpectrumOrder:
         return spectrum_order(self.device, n, self.strategy, band)
@@ -280,13 +287,20 @@ class FusedKernels:
 
     def precompile(self, strategy: Strategy, plan: Plan) -> None:
         """Start compiling the kernels that a plan needs if it has neither pupils nor dense transmissions."""
-        variants = required_variants(self.layout(strategy), plan, [{False}, {False}], [False, False])
-        precompile(self.device, self.shaders(strategy, variants))
+        precompile(self.device, self.shaders(strategy, self.plain_variants(strategy, plan)))
+
+    def plain_variants(self, strategy: Strategy, plan: Plan) -> frozenset[KernelVariant]:
+        """The kernels that a plan needs if it has neither pupils nor dense transmissions."""
+        relays, places = len(self.shape.bands), self.shape.places
+        return required_variants(self.layout(strategy), plan, [{False}] * relays, [False] * places)
 
 
 def works_in_place(layout: FrameLayout) -> bool:
-    """Whether fields are propagated over the gap in place, which is faster, except by passes with more to compile."""
-    is_possible = layout.first == layout.gap == layout.second and not (layout.has_plain_pixels or layout.keeps_spectrum)
+    """Whether fields are propagated from place to place in place, which is faster, except by passes with more to
+    compile."""
+    first, last = layout.shape.first_relay, layout.shape.last_relay
+    are_equal = len({*layout.entering[first:], *layout.leaving[first:last]}) == 1
+    is_possible = are_equal and not (layout.has_plain_pixels or layout.keeps_spectrum)
     return is_possible and layout.strategy != "passes"
 
 
@@ -296,25 +310,27 @@ def required_variants(
     """The kernels that a plan needs.
 
     has_pupil: for each relay, whether it has a pupil, with both values if that depends on the wavelength.
-    is_dense: for each modulator, whether its transmission is given sample by sample.
+    is_dense: for each place, whether the transmission there is given sample by sample.
     """
-    shape, first_relay = layout.shape, layout.first_relay
+    shape, first_relay, last_relay = layout.shape, layout.shape.first_relay, layout.shape.last_relay
     variants = {
         KernelVariant(shape, "light", first_relay, (("is_tilted", bool(slope.any())), ("is_dense", is_dense[0])))
         for slope in plan.slopes.reshape(-1, 2)
     }
     pupils = [[(("has_pupil", has),) for has in options] for options in has_pupil]
-    if shape.modulators > 1:
-        in_place = {False, True} if works_in_place(layout) else {True}
-        variants |= {KernelVariant(shape, "propagate", 0, pupil, two) for pupil in pupils[0] for two in in_place}
-        dense = (("is_dense", is_dense[1]),)
-        variants.add(KernelVariant(shape, "modulate", 1, dense, layout.gap != layout.second))
+    in_place = {False, True} if works_in_place(layout) else {True}
+    for relay, dense in enumerate(is_dense[1:], first_relay):
+        variants |= {
+            KernelVariant(shape, "propagate", relay, pupil, two) for pupil in pupils[relay] for two in in_place
+        }
+        separate = layout.leaving[relay] != layout.entering[relay + 1]
+        variants.add(KernelVariant(shape, "modulate", relay + 1, (("is_dense", dense),), separate))
     if layout.keeps_spectrum:
-        variants.add(KernelVariant(shape, "spectrum", 1, (), True))
+        variants.add(KernelVariant(shape, "spectrum", last_relay, (), True))
     last = "image" if layout.keeps_spectrum else "propagate"
-    variants |= {KernelVariant(shape, last, 1, pupil, True) for pupil in pupils[1]}
+    variants |= {KernelVariant(shape, last, last_relay, pupil, True) for pupil in pupils[last_relay]}
     sums = range(min(len(plan.slopes), 2))
-    variants |= {KernelVariant(shape, "observe", 1, (("accumulates", source > 0),)) for source in sums}
+    variants |= {KernelVariant(shape, "observe", last_relay, (("accumulates", source > 0),)) for source in sums}
     return frozenset(variants)
 
 
@@ -355,14 +371,14 @@ def lines_of(layout: FrameLayout, kernel: str, relay: int) -> int:
 
 def rows_of(layout: FrameLayout, kernel: str, relay: int) -> tuple[StoredRows, StoredRows]:
     """The rows that a kernel reads and the rows that it writes; equal if it only reads or only writes rows."""
-    behind = layout.gap if relay == 0 else layout.plane
+    before, behind = layout.entering[relay], layout.leaving[relay]
     return {
-        "light": (layout.first, layout.first),
-        "propagate": (layout.first if relay == layout.first_relay else layout.second, behind),
-        "modulate": (layout.gap, layout.second),
-        "spectrum": (layout.second, layout.spectrum),
-        "image": (layout.spectrum, layout.plane),
-        "observe": (layout.plane, layout.plane),
+        "light": (before, before),
+        "propagate": (before, behind),
+        "modulate": (layout.leaving[relay - 1], before),
+        "spectrum": (before, layout.spectrum),
+        "image": (layout.spectrum, behind),
+        "observe": (behind, behind),
     }[kernel]
 
 
@@ -375,20 +391,21 @@ def _steps(layout: FrameLayout, kernel: str, relay: int) -> tuple[LineTransform,
     if kernel == "propagate" and _reads_pixels(layout, relay):
         return LineTransform("forward", _window(pixels, 0), band, grid.upsample), inverse
     if kernel == "modulate":
-        return LineTransform("inverse", columns, layout.band(0, 1)), LineTransform(
-            "forward", columns, layout.band(1, 1)
+        return (
+            LineTransform("inverse", columns, layout.band(relay - 1, 1)),
+            LineTransform("forward", columns, layout.band(relay, 1)),
         )
     return {
         "propagate": (LineTransform("forward", rows, band), inverse),
         "spectrum": (LineTransform("forward", rows, band),),
         "image": (inverse,),
-        "observe": (LineTransform("inverse", columns, layout.band(1, 1)),),
+        "observe": (LineTransform("inverse", columns, layout.band(relay, 1)),),
     }[kernel]
 
 
 def _reads_pixels(layout: FrameLayout, relay: int) -> bool:
-    """Whether a relay's `propagate` reads one sample for each pixel of the first modulator."""
-    return layout.has_plain_pixels and relay == layout.first_relay
+    """Whether a relay's `propagate` reads one sample for each pixel of the first place."""
+    return layout.has_plain_pixels and relay == layout.shape.first_relay
 
 
 def _adds_lane(layout: FrameLayout, kernel: str, *grids: Grid) -> bool:

@@ -505,11 +505,11 @@ class IncrementalRenderer(LaserReadout):
         if cached is not None and self._holds(seconds):
             return cached
         if self._frame.tables.plan.system.gap_m is None:
-            second = self._frame.record_first_modulator(recorder, span, cached)
+            second = self._frame.record_first_place(recorder, span, cached)
         else:
             target = cached if self._frame.works_in_place else None
             first = self._record_first_rows(span, recorder, firsts, target)
-            second = self._frame.record_second_modulator(recorder, span, first, cached)
+            second = self._frame.record_place(recorder, span, 1, first, cached)
         if cached is not None:
             self._remember_fields(seconds, recorder)
         return second
@@ -529,9 +529,9 @@ class IncrementalRenderer(LaserReadout):
         if cached is not None and self._holds(fingerprints):
             return cached
         if cached is None:
-            return self._frame.record_first_modulator(recorder, span, uncached_target)
+            return self._frame.record_first_place(recorder, span, uncached_target)
         self._remember_fields(fingerprints, recorder)
-        return self._frame.record_first_modulator(recorder, span, cached)
+        return self._frame.record_first_place(recorder, span, cached)
 
     def _remember_fields(self, fingerprints: Mapping[Hashable, Fingerprint], recorder: CommandRecorder) -> None:
         """As `_remember`, unless the strategy changes in between, because the spectra are in the order of the old

@@ -198,8 +198,19 @@ def pixel_spectra(plan: Plan, wavelength: int, source: int) -> NDArray[np.comple
     return np.concatenate(spectra).astype(np.complex64)
 
 
-def dense_transmission(inputs: ShaderInputs, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:
-    """Transmission (y, x) of a modulator that is given sample by sample."""
-    samples = inputs.transmission(frame, modulator, wavelength)
-    assert samples is not None
-    return np.ascontiguousarray(samples.cpu().numpy().astype(np.complex64))
+def dense_transmission(
+    inputs: ShaderInputs, frame: int, modulators: Sequence[int], wavelength: int
+) -> NDArray[np.complex64]:
+    """Transmission (y, x) of a modulator that is given sample by sample; of several the product of theirs."""
+    product: Any = 1.0
+    for modulator in modulators:
+        samples = inputs.transmission(frame, modulator, wavelength)
+        assert samples is not None
+        product = product * samples.cpu().numpy()
+    return np.ascontiguousarray(product.astype(np.complex64))
+
+
+def complex64(samples: DeviceArray) -> NDArray[np.complex64]:
+    """An array in host memory, in single precision."""
+    host: NDArray[np.complex64] = samples.cpu().numpy().astype(np.complex64)
+    return host

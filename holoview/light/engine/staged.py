@@ -1,10 +1,11 @@
-"""Renders a chain of elements on a device, stage by stage, with the interface of the incremental renderer.
+"""Renders a chain of elements on a device by the fused kernels, with the interface of the incremental renderer.
 
     for each wavelength:  each frame and source ─▶ intensity, a submission each;  intensity ─▶ XYZ
 
-Of each beam (wavelength, frame, source) the light behind one element is kept: the last one before what the latest edit
-changed. While the same thing goes on being edited, an update computes what lies behind it, with the same bits. Beams
-for which memory has no room begin at the source. A short form has the fused kernels instead.
+Of each beam (wavelength, frame, source) the light behind one place of elements is kept: the last one before what the
+latest edit changed. While the same thing goes on being edited, an update computes what lies behind it, with the same
+bits. Beams for which memory has no room begin at the source. Unlike those of a short form, the tables of a chain, one
+for each place, frame and wavelength, are made for one wavelength after the other.
 """
 
 from __future__ import annotations
@@ -18,31 +19,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor
-from holoview.light.engine.frame import add_light, light_along
+from holoview.light.engine.fused import BufferRegion, WavelengthSpan
+from holoview.light.engine.fused_kernels import FrameLayout
 from holoview.light.engine.incremental import BUDGET_BYTES, LaserReadout, UpdateProgress
-from holoview.light.engine.wgpu_executor import GpuField, WgpuExecutor
+from holoview.light.engine.wgpu_executor import WgpuExecutor
 from holoview.light.gpu.device import Buffer, Device
-from holoview.light.model.chain import Modulate
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.mailbox import Inputs, are_same
 
-Beam = tuple[int, int, int]
-"""Wavelength, frame, source."""
-
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """The light of a beam right behind an element, and all that the latest update was computed from.
+    """The light of a beam right behind a place, and all that the latest update was computed from.
 
-    inputs: of the source, and of each step of the way. step: of the element; -1 if nothing is kept. field: its memory.
+    inputs: of each place. layout: of the rows. place, rows: -1 and None if nothing is kept.
     """
 
     inputs: tuple[Inputs, ...]
-    step: int = -1
-    field: Buffer | None = None
+    layout: FrameLayout
+    place: int
+    rows: BufferRegion | None
 
 
 class StagedRenderer(LaserReadout):
@@ -65,7 +64,7 @@ class StagedRenderer(LaserReadout):
         self._executor = WgpuExecutor(plan, FrameInputs(plan, drive), self.device)
         sizes = (plan.grid, plan.weights.shape, plan.slopes.shape)
         if getattr(self, "_sizes", None) != sizes:
-            self._sizes, self._kept = sizes, dict[Beam, _Kept]()
+            self._sizes, self._kept = sizes, dict[WavelengthSpan, _Kept]()
         self._plan, self._generation = plan, getattr(self, "_generation", 0) + 1
         self.system, self.drive, self.plane_m = system, drive, plane_m
         self._is_done, self._intensities = False, dict[int, NDArray[np.float32]]()
@@ -97,7 +96,7 @@ class StagedRenderer(LaserReadout):
 
     def invalidate(self) -> None:
         """Forgets all light that is kept, so that the next update computes the whole picture."""
-        self._kept = dict[Beam, _Kept]()
+        self._kept = dict[WavelengthSpan, _Kept]()
         self._set(self.system, self.drive, self.plane_m)
 
     def steps(self) -> Iterator[UpdateProgress]:
@@ -110,8 +109,8 @@ class StagedRenderer(LaserReadout):
             executor.clear(0)
             for frame in plan.lit(wavelength):
                 for source in range(len(plan.slopes)):
-                    before, done = time.perf_counter(), done + 1
-                    add_light(executor, self._spectrum((wavelength, frame, source)), wavelength, frame)
+                    before, done, span = time.perf_counter(), done + 1, WavelengthSpan(frame, source, wavelength)
+                    executor.add_light(span, self._light(span), accumulates=True)
                     if done < total:
                         executor.submit(wait=True)
                         self._measure(done / total, time.perf_counter() - before)
@@ -124,25 +123,31 @@ class StagedRenderer(LaserReadout):
         self._is_done, self.progress, self.update_s = True, 1.0, time.perf_counter() - started
         yield UpdateProgress(total, total)
 
-    def _spectrum(self, beam: Beam) -> GpuField:
-        """The spectrum of a beam behind the last element, from the last place on that is kept and still true."""
-        executor, (wavelength, frame, source) = self._executor, beam
-        inputs, kept = _inputs(self._plan, self.drive, beam), self._kept.get(beam)
-        elements = [-1, *(i for i, step in enumerate(self._plan.way.steps) if isinstance(step, Modulate))]
-        true = len(inputs) if kept is None else _leading(kept.inputs, inputs)  # as many entries as stayed the same
-        keep_at = max(i for i in elements if i < max(true - 1, 0))
-        step, copy = (-1, None) if kept is None else (kept.step, kept.field)
-        behind = None
-        if copy is not None and 0 <= step < true - 1:
-            behind = (step, executor.restore(copy))
-        elif copy is None and (len(self._kept) + 1) * executor.field_bytes > BUDGET_BYTES:
-            keep_at = -1
-        first = 0 if behind is None else step + 1
-        for index, (_, field) in enumerate(light_along(executor, wavelength, frame, source, behind), first):
-            if index == keep_at:
-                copy = executor.copy_of(field, copy)
-        self._kept[beam] = _Kept(inputs, keep_at, copy)
-        return field
+    def _light(self, span: WavelengthSpan) -> BufferRegion:
+        """The light of a beam behind the last place, from the last place on that is kept and still true."""
+        fused, recorder, kept = self._executor.fused, self._executor.recording(), self._kept.get(span)
+        inputs, layout = _inputs(self._plan, self.drive, span), fused.layout
+        true = len(inputs) if kept is None else _leading(kept.inputs, inputs)  # places with the same light as before
+        rows, begin, keep_at = None, 0, true - 1
+        if kept is not None and kept.layout == layout and kept.place < true:
+            rows, begin = kept.rows, kept.place + 1
+        kept_rows = self._room(keep_at, span) if keep_at >= begin else rows
+        for place in range(begin, len(inputs)):
+            target = kept_rows if place == keep_at else None
+            if rows is None:
+                rows = fused.record_first_place(recorder, span, target)
+            else:
+                rows = fused.record_place(recorder, span, place, rows, target)
+        assert rows is not None
+        self._kept[span] = _Kept(inputs, layout, keep_at if kept_rows else -1, kept_rows)
+        return rows
+
+    def _room(self, place: int, span: WavelengthSpan) -> BufferRegion | None:
+        """New memory for the light of a beam behind a place; None if there is no room for it beside the other beams."""
+        fused, others = self._executor.fused, (kept.rows for key, kept in self._kept.items() if key != span)
+        rows = fused.rows_behind(place)
+        used = sum(region.buffer.nbytes for region in others if region is not None)
+        return fused.allocate_rows("kept light", rows) if used + fused.rows_bytes(rows) <= BUDGET_BYTES else None
 
     def _measure(self, progress: float, step_s: float) -> None:
         self.progress = progress
@@ -182,26 +187,25 @@ def _leading(one: Sequence[Inputs], other: Sequence[Inputs]) -> int:
     return next((i for i, (a, b) in pairs if not are_same(a, b)), min(len(one), len(other)))
 
 
-def _inputs(plan: Plan, drive: Any, beam: Beam) -> tuple[Inputs, ...]:
-    """What the light of a beam depends on: at the source, and then at each step of the way.
+def _inputs(plan: Plan, drive: Any, span: WavelengthSpan) -> tuple[Inputs, ...]:
+    """What the light of a beam depends on behind each place beyond what it does behind the one before.
 
-    Effects may make any step depend on all of the bench but its planes, its eye and its patterns.
+    Effects may make any place depend on all of the bench but its planes, its eye and its patterns.
     """
-    (wavelength, _, source), way, nominal = beam, plan.way, plan.nominal
-    slopes = tuple(plan.slopes[source, wavelength])
-    light: Inputs = (float(plan.system.wavelengths_m[wavelength]), slopes, nominal.sampling)
+    way, nominal, system = plan.way, plan.nominal, plan.system
+    slopes = tuple(plan.slopes[span.source, span.wavelength])
+    light: Inputs = (float(system.wavelengths_m[span.wavelength]), slopes, nominal.sampling)
     if nominal.effects:
         lasers = (tuple(nominal.wavelengths_m), tuple(nominal.amplitudes.ravel()), nominal.source)
         light = (*light, nominal.effects, nominal.elements, nominal.planes_from, *lasers)
-    names = {id(e): name for e, name in zip(plan.system.elements, plan.system.element_names, strict=True)}
-    steps: list[Inputs] = [light]
-    for step in way.steps:
-        if isinstance(step, Modulate):
-            of = way.transmissions[step.number]
+    names = {id(e): name for e, name in zip(system.elements, system.element_names, strict=True)}
+    found = []
+    for relay, numbers in enumerate(way.places, -1):  # behind which the place stands
+        if relay >= 0:
+            light = (way.relays[relay], way.distances_m[relay], way.orders_m[relay], way.kernel(relay))
+        for of in (way.transmissions[number] for number in numbers):
             arms = [names.get(id(e), "") for e in (of.element, *of.beside)]
             shown = [drive[name] for name in arms if name in drive] if isinstance(drive, Mapping) else [drive]
-            steps.append((of, *shown))
-        else:
-            number = step.relay
-            steps.append((way.relays[number], way.distances_m[number], way.orders_m[number], way.kernel(number)))
-    return tuple(steps)
+            light = (*light, of, *shown)
+        found.append(light)
+    return tuple(found)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor
-from holoview.light.engine.frame import relay_behind, run_stages
+from holoview.light.engine.frame import relay_behind
 from holoview.light.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.light.engine.shader_structs import (
     GRID,
@@ -23,9 +23,9 @@ from holoview.light.engine.shader_structs import (
     PLANE_WAVE,
     PROPAGATION,
     WEIGHT,
-    DeviceArray,
     ShaderInputs,
     UniformValues,
+    complex64,
     dense_transmission,
     modulator_uniform,
     plane_wave_uniform,
@@ -60,13 +60,19 @@ class WgpuExecutor:
 
     strategy: of the FFTs of single stages. Buffers of their tables have as labels what they hold: `wave WAVELENGTH
     SOURCE`, `dense FRAME MODULATOR WAVELENGTH`, `transmit`, `support RELAY WAVELENGTH PLANE`, `pupil RELAY WAVELENGTH`.
+    single_stages: whether nothing but these is going to be asked for.
     """
 
-    def __init__(self, plan: Plan, inputs: ShaderInputs, device: Device, *, strategy: Strategy = "passes") -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        inputs: ShaderInputs,
+        device: Device,
+        *,
+        strategy: Strategy = "passes",
+        single_stages: bool = False,
+    ) -> None:
         self.plan, self.inputs, self.device, self._strategy = plan, inputs, device, strategy
-        self._fused: FusedFrame | None = None
-        if not plan.way.is_chain:
-            self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
         self._compositor = Compositor(device, plan.grid.shape)
         planes = range(len(plan.planes))
         self._intensity = [self._compositor.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
@@ -75,36 +81,39 @@ class WgpuExecutor:
         self._dispatches: dict[Hashable, Dispatch] = {}
         self._recorder: CommandRecorder | None = None
         self.power_behind: NDArray[np.float64] | None = None  # not measured here
-        if plan.way.is_chain:
-            _ = self._fields  # now, so that a grid beyond the device's limits is refused where another can be chosen
+        if not single_stages:
+            _ = self.fused  # now, so that a grid beyond the device's limits is refused where another can be chosen
+
+    @cached_property
+    def fused(self) -> FusedFrame:
+        """The fused kernels."""
+        strategy = remembered_strategy(self.device, self.plan.grid.padded)
+        return FusedFrame(self.plan, self.inputs, self.device, strategy=strategy)
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
-        if self._fused is None:
-            run_stages(self, wavelength)
-            self.forget_beams()
-            return
         sources = range(len(self.plan.slopes))
         spans = [WavelengthSpan(frame, source, wavelength) for frame in self.plan.lit(wavelength) for source in sources]
         for plane in range(len(self._intensity) if not spans else 0):
             self.clear(plane)
         for number, span in enumerate(spans):
-            recorder = self._recording()
-            first = self._fused.record_first_modulator(recorder, span)
-            second = self._fused.record_second_modulator(recorder, span, first)
-            weight = float(self.plan.weights[span.frame, wavelength])
-            for plane, intensity in enumerate(self._intensity):
-                self.submit()  # since set_plane affects all recorded work that isn't submitted
-                self._fused.tables.set_plane(plane, [wavelength])
-                target = BufferRegion(intensity)
-                self._fused.record_intensity(
-                    self._recording(), span, second, target, weight=weight, accumulates=number > 0
-                )
+            self.add_light(span, self.fused.record_light(self.recording(), span), accumulates=number > 0)
+        self.forget_beams()
+
+    def add_light(self, span: WavelengthSpan, kept: BufferRegion, *, accumulates: bool) -> None:
+        """Add the light of a span behind the last place, as the fused kernels keep it, to all intensities."""
+        weight = float(self.plan.weights[span.frame, span.wavelength])
+        for plane, intensity in enumerate(self._intensity):
+            self.submit()  # since set_plane affects all recorded work that isn't submitted
+            self.fused.tables.set_plane(plane, [span.wavelength])
+            target = BufferRegion(intensity)
+            self.fused.record_intensity(self.recording(), span, kept, target, weight=weight, accumulates=accumulates)
 
     def forget_beams(self) -> None:
         """Gives back the tables of a wavelength of a chain, which has one for each element and frame."""
-        self.submit()
-        self._buffers, self._dispatches = {}, {}
+        if self.plan.way.is_chain:
+            self.submit()
+            self.fused.forget_beams()
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
@@ -123,7 +132,7 @@ class WgpuExecutor:
         is_dense, opd, table = self.inputs.is_sampled(modulator), self._no_table, self._no_table
         if is_dense:
             frame = self.inputs.shown_first(frame, modulator)
-            samples = partial(dense_transmission, self.inputs, frame, modulator, wavelength)
+            samples = partial(dense_transmission, self.inputs, frame, [modulator], wavelength)
             table = self._stored(("dense", frame, modulator, wavelength), samples)
         else:
             strokes = partial(self.inputs.stroke_fractions, frame, modulator, stroke_m)
@@ -136,7 +145,7 @@ class WgpuExecutor:
 
     def spectrum(self, field: GpuField, modulator: int) -> GpuField:
         """Forward FFT; only the modulator's rows are transformed along x, since the others are zero."""
-        self._fft.forward(self._recording(), self._fields[field.index], rows=self._rows)
+        self._fft.forward(self.recording(), self._fields[field.index], rows=self._rows)
         return GpuField(field.index, relay_behind(self.plan, modulator))
 
     def transmit(self, spectrum: GpuField, relay: int, wavelength: int, plane: int = 0) -> GpuField:
@@ -148,7 +157,7 @@ class WgpuExecutor:
         pupil = self.inputs.pupils[relay][wavelength]
         pupil_table = self._no_table
         if pupil is not None:
-            samples = partial(_complex64, pupil)
+            samples = partial(complex64, pupil)
             pupil_table = self._stored(("pupil", relay, wavelength), samples)
         target = 1 - spectrum.index
         buffers = [*self._frequencies, support, pupil_table, self._fields[spectrum.index], self._fields[target]]
@@ -159,12 +168,12 @@ class WgpuExecutor:
 
     def field(self, spectrum: GpuField, relay: int) -> GpuField:
         """Inverse FFT; only the modulator's rows are valid."""
-        self._fft.inverse(self._recording(), self._fields[spectrum.index], rows=self._rows)
+        self._fft.inverse(self.recording(), self._fields[spectrum.index], rows=self._rows)
         return GpuField(spectrum.index)
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
-        self._recording().clear(self._intensity[plane])
+        self.recording().clear(self._intensity[plane])
 
     def accumulate(self, field: GpuField, plane: int, weight: float) -> None:
         """Add weight·|field|² to the intensity of a plane."""
@@ -183,17 +192,6 @@ class WgpuExecutor:
         self._fields[field.index] = self._new_field(field.index)
         self._dispatches = {}
 
-    def copy_of(self, field: GpuField, to: Buffer | None) -> Buffer:
-        """A copy of a field behind an element. to: the buffer of an earlier copy; a new one when None."""
-        copy = to or self._new_field(field.index)
-        self._recording().copy(self._fields[field.index], copy)
-        return copy
-
-    def restore(self, copy: Buffer) -> GpuField:
-        """A field that this executor, or another of the same grid and strategy, made a copy of."""
-        self._recording().copy(copy, self._fields[0])
-        return GpuField(0)
-
     # --- results ----------------------------------------------------------------------------------------------------
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
@@ -204,14 +202,14 @@ class WgpuExecutor:
     def clear_xyz(self) -> None:
         """Set the XYZ of all planes to zero."""
         for buffer in self._xyz:
-            self._recording().clear(buffer)
+            self.recording().clear(buffer)
 
     def composite(self, wavelength: int) -> None:
         """Add each plane's intensity at this wavelength, times the observer's response, to its XYZ."""
         self.submit()  # since the weights affect all recorded work that isn't submitted
         term = (0, self.plan.colour_weights[wavelength])
         for intensity, xyz in zip(self._intensity, self._xyz, strict=True):
-            self._compositor.composite(self._recording(), intensity, [term], xyz, base=xyz)
+            self._compositor.composite(self.recording(), intensity, [term], xyz, base=xyz)
 
     def xyz(self) -> NDArray[np.floating]:
         """XYZ (plane, y, x, 3) float32; submits the recorded work."""
@@ -300,7 +298,8 @@ class WgpuExecutor:
     def _rows(self) -> tuple[int, int]:
         return self.plan.grid.offset[0], self.plan.grid.shape[0]
 
-    def _recording(self) -> CommandRecorder:
+    def recording(self) -> CommandRecorder:
+        """The work that is recorded and not yet submitted."""
         if self._recorder is None:
             self._recorder = CommandRecorder(self.device, "frame")
         return self._recorder
@@ -334,14 +333,9 @@ class WgpuExecutor:
             workgroups = (ceil_div(shape[1], _WORKGROUP), shape[0], 1)
             groups = [[self._grid, *uniforms], list(buffers)]
             self._dispatches[key] = Dispatch.bind(self.device, pipeline, groups, workgroups)
-        self._recording().add(self._dispatches[key])
+        self.recording().add(self._dispatches[key])
 
 
 def _label(key: tuple[Hashable, ...]) -> str:
     """The label of the buffer of a key, such as "dense 0 1 2"."""
     return " ".join(map(str, key))
-
-
-def _complex64(samples: DeviceArray) -> NDArray[np.complex64]:
-    host: NDArray[np.complex64] = samples.cpu().numpy().astype(np.complex64)
-    return host

@@ -191,6 +191,17 @@ class Way:
         """Whether it is that of a chain without a short form."""
         return bool(self.transmissions)
 
+    @property
+    def places(self) -> tuple[tuple[int, ...], ...]:
+        """The numbers of what multiplies light at each place where elements stand; a relay leads on from each."""
+        found: list[list[int]] = [[]]
+        for step in self.steps:
+            if isinstance(step, Modulate):
+                found[-1].append(step.number)
+            else:
+                found.append([])
+        return tuple(map(tuple, found))
+
     def relay_words(self, relay: int) -> str:
         """Words for a relay: the elements that it is, by their names; its place in a short form."""
         return way_words(self.relay_names[relay])

@@ -46,7 +46,7 @@ class StagedBeams:
         self, device: Device, plan: Plan, inputs: ShaderInputs, strategy: Strategy, count: int, most_bytes: int
     ) -> None:
         plan = replace(plan, planes=plan.planes[-1:], _transfers={})
-        self._executor = WgpuExecutor(plan, _Tables(plan, inputs), device, strategy=strategy)
+        self._executor = WgpuExecutor(plan, _Tables(plan, inputs), device, strategy=strategy, single_stages=True)
         self.is_kept = self._executor.field_bytes * count <= most_bytes
         self._spectrum: GpuField | None = None
 

@@ -354,7 +354,7 @@ class _FusedBeams:
     def __init__(
         self, device: Device, plan: Plan, inputs: ShaderInputs, strategy: Strategy, count: int, most_bytes: int
     ) -> None:
-        self._device, self._plan = device, plan
+        self._device = device
         self._frame = FusedFrame(plan, inputs, device, strategy=strategy)
         self._frame.tables.set_plane(len(plan.planes) - 1)
         self.is_kept = self._frame.rows_bytes(self._frame.kept) * count <= most_bytes
@@ -365,8 +365,7 @@ class _FusedBeams:
         frame, recorder, target = self._frame, CommandRecorder(self._device), None
         if self.is_kept:
             target = frame.allocate_rows(f"field {span.frame} {span.source} {span.wavelength}", frame.kept)
-        first = frame.record_first_modulator(recorder, span, target if self._plan.system.gap_m is None else None)
-        self._kept = frame.record_second_modulator(recorder, span, first, target)
+        self._kept = frame.record_light(recorder, span, target)
         recorder.submit()
 
     def record_intensity(self, span: WavelengthSpan, to: BufferRegion, *, accumulates: bool) -> None:
