@@ -14,7 +14,7 @@ from holoview.commands.arguments import add_system, system_from_args
 from holoview.commands.bench_report import write_report
 from holoview.commands.console import deferred_interrupt, print_json, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder
-from holoview.evidence.benchmark.chain_benchmark import STRATEGY, benchmark_chain
+from holoview.evidence.benchmark.chain_benchmark import benchmark_chain
 from holoview.evidence.benchmark.frame_benchmark import (
     Criterion,
     DeviceTime,
@@ -100,10 +100,8 @@ def run(args: argparse.Namespace) -> int:
     _check_strategy(args.strategy, system, device)
     options, timed = {"half": args.half, "strategy": args.strategy}, None
     with progress_bar("frames and edits") as show:
-        if system.is_chain:
-            frame = benchmark_chain(system, device, rounds, progress=show)
-        else:
-            frame = benchmark_frame(system, device, rounds, progress=show, **options)
+        benchmark = benchmark_chain if system.is_chain else benchmark_frame
+        frame = benchmark(system, device, rounds, progress=show, **options)
     if TIMESTAMPS in device.features and not system.is_chain:
         timed = device_time(system, device, rounds, **options)
     with deferred_interrupt("start of a process") as interruption, progress_bar("first images") as show:
@@ -165,9 +163,6 @@ def _refuse_of_chain(args: argparse.Namespace) -> None:
     for flag, is_set, remedy in (
         ("--size", args.size is not None, smaller),
         ("--lasers", args.lasers is not None, "change them with --set wavelengths=…"),
-        ("--half", args.half, "leave it out: its fields are stored in f32"),
-        ("--strategy", args.strategy not in ("auto", STRATEGY), f"leave it out: its transforms are {STRATEGY}"),
-        ("--tune", args.tune, f"leave it out: its transforms are {STRATEGY}"),
     ):
         if is_set:
             raise UserError(flag, "of a chain of elements", remedy=remedy)
@@ -289,7 +284,9 @@ def _check_strategy(name: StrategyOption, system: System, device: Device) -> Non
 
 
 def _grids(system: System) -> list[tuple[int, int]]:
-    """Shapes (ny, nx) of the grids that are transformed: without padding and with linear padding."""
+    """Shapes (ny, nx) of grids that are transformed: without padding and with linear padding, of a chain its own."""
+    if system.is_chain:
+        return [make_plan(system).grid.padded]
     return [make_plan(system.edit({"propagation": how})).grid.padded for how in ("periodic", "linear")]
 
 

@@ -103,10 +103,7 @@ def _fused_errors(pair: ExecutorPair, fused: FusedFrame, span: WavelengthSpan) -
     for place, light in enumerate(_behind_places(pair, span)):
         rows, recorder = fused.rows_behind(place), CommandRecorder(device)
         target = fused.allocate_rows("rows", rows)
-        if given is None:
-            fused.record_first_place(recorder, span, target)
-        else:
-            fused.record_place(recorder, span, place, given, target)
+        fused.record_place(recorder, span, place, given, target)
         recorder.submit()
         exact, at = _stored(fused, place, light), _indices(rows, is_tiled=fused.strategy == "subgroup")
         errors[f"place {place}"] = relative_error(

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import cycle
@@ -16,7 +15,6 @@ from typing import Any
 
 from holoview.holograms.view import random_drive
 from holoview.light.engine.incremental import IncrementalRenderer
-from holoview.light.engine.staged import StagedRenderer
 from holoview.light.gpu.device import Device
 from holoview.light.gpu.line_fft import Strategy, supported_strategies
 from holoview.light.gpu.tune import FftTuner, StrategyOption, TuningResult
@@ -134,7 +132,6 @@ def resolve_strategy(device: Device, shape: Shape, requested: StrategyOption) ->
 # --- a whole frame, and edits after which part of it is computed anew ---
 
 
-Renderer = IncrementalRenderer | StagedRenderer
 _CHANGE = 1.01
 """Factor between the two values that an edit alternates between."""
 
@@ -145,13 +142,14 @@ def open_renderer(
     half: bool = False,
     strategy: StrategyOption = "auto",
     max_wavelengths: int | None = None,
+    drive: Any = None,
 ) -> IncrementalRenderer:
-    """A renderer of a random drive at the middle focal plane, with its first frame rendered."""
+    """A renderer at the middle focal plane, with its first frame rendered. drive: a random one when None."""
     middle = middle_plane_m(system)
     chosen = resolve_strategy(device, make_plan(system, [*system.planes_m, middle]).grid.padded, strategy)
     renderer = IncrementalRenderer(
         system,
-        random_drive(system),
+        random_drive(system) if drive is None else drive,
         device,
         plane_m=middle,
         half=half,
@@ -162,18 +160,12 @@ def open_renderer(
     return renderer
 
 
-def open_staged(system: System, device: Device, drive: Any = None) -> StagedRenderer:
-    """A renderer of a chain at its middle focal plane. drive: random patterns when None."""
-    shown = random_drive(system) if drive is None else drive
-    return StagedRenderer(system, shown, device, plane_m=middle_plane_m(system))
-
-
 def middle_plane_m(system: System) -> float:
     """The focal plane at which frames are rendered, m."""
     return float(system.planes_m[len(system.planes_m) // 2])
 
 
-def full_frame(renderer: Renderer) -> TimedJob:
+def full_frame(renderer: IncrementalRenderer) -> TimedJob:
     """Render everything from the light source to XYZ."""
 
     def job() -> None:
@@ -183,16 +175,8 @@ def full_frame(renderer: Renderer) -> TimedJob:
     return job
 
 
-def frames_in_a_row(renderer: Renderer, count: int) -> TimedJob:
-    """Render `count` frames and wait once, at the end; those of a chain wait for each beam."""
-    if isinstance(renderer, StagedRenderer):
-        whole = full_frame(renderer)
-
-        def frames() -> None:
-            for _ in range(count):
-                whole()
-
-        return frames
+def frames_in_a_row(renderer: IncrementalRenderer, count: int) -> TimedJob:
+    """Render `count` frames and wait once, at the end."""
 
     def job() -> None:
         for _ in range(count):
@@ -203,7 +187,7 @@ def frames_in_a_row(renderer: Renderer, count: int) -> TimedJob:
     return job
 
 
-def scrub(renderer: Renderer) -> TimedJob:
+def scrub(renderer: IncrementalRenderer) -> TimedJob:
     """Alternate between two focal planes."""
     planes_m = cycle([renderer.plane_m * _CHANGE, renderer.plane_m])
     return _edit(renderer, lambda: {"plane_m": next(planes_m)})
@@ -218,7 +202,7 @@ def gap_edit(renderer: IncrementalRenderer) -> TimedJob | None:
     return _edit(renderer, lambda: {"system": renderer.system.edit({"gap": next(gaps_m)})})
 
 
-def amplitude_edit(renderer: Renderer) -> TimedJob:
+def amplitude_edit(renderer: IncrementalRenderer) -> TimedJob:
     """Alternate between two amplitudes of the first laser, as while it is dragged in the viewer."""
     factors = cycle([_CHANGE, 1.0])
     amplitudes = renderer.system.amplitudes
@@ -231,14 +215,16 @@ def amplitude_edit(renderer: Renderer) -> TimedJob:
     return _edit(renderer, change, may_reorder=renderer.device.info.is_cpu)
 
 
-def pattern_edit(renderer: StagedRenderer, name: str) -> TimedJob:
+def pattern_edit(renderer: IncrementalRenderer, name: str) -> TimedJob:
     """Alternate between two patterns of an element of a chain: what it shows, and the same upside down."""
     shown = renderer.drive[name]
     patterns = cycle([shown[:, ::-1].copy(), shown])
     return _edit(renderer, lambda: {"drive": renderer.drive | {name: next(patterns)}})
 
 
-def _edit(renderer: Renderer, change: Callable[[], dict[str, Any]], *, may_reorder: bool = False) -> TimedJob:
+def _edit(
+    renderer: IncrementalRenderer, change: Callable[[], dict[str, Any]], *, may_reorder: bool = False
+) -> TimedJob:
     """Time from an edit to XYZ, with all earlier results up to date."""
 
     def job() -> None:
@@ -248,10 +234,7 @@ def _edit(renderer: Renderer, change: Callable[[], dict[str, Any]], *, may_reord
     return job
 
 
-def update_and_wait(renderer: Renderer, *, may_reorder: bool = False) -> None:
+def update_and_wait(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> None:
     """Compute what an edit has left to compute, and wait for it."""
-    if isinstance(renderer, StagedRenderer):
-        deque(renderer.steps(), maxlen=0)  # which wait
-        return
     renderer.update(with_srgb=False, may_reorder=may_reorder)
     renderer.device.wait()

@@ -17,7 +17,8 @@ from typing import Any
 
 import torch
 
-from holoview.evidence.benchmark.frame_jobs import Renderer, TimedJob, frames_in_a_row
+from holoview.evidence.benchmark.frame_jobs import TimedJob, frames_in_a_row
+from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.gpu.adapter import AdapterInfo, native_adapters
 from holoview.light.gpu.device import Buffer, Device
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
@@ -237,7 +238,7 @@ def read_card(adapter: str, program: str = "nvidia-smi") -> CardState | None:
     return next((state for state in states if state is not None and _is_same_card(state.name, adapter)), None)
 
 
-def measure_power(renderer: Renderer, duration_s: float, program: str = "nvidia-smi") -> dict[str, Any]:
+def measure_power(renderer: IncrementalRenderer, duration_s: float, program: str = "nvidia-smi") -> dict[str, Any]:
     """Power at rest and during `duration_s` of frames in a row, as JSON values; {} if the driver doesn't tell it.
 
     program: nvidia-smi, or what answers in its place. The energy of a frame is the whole card's, with its rest.

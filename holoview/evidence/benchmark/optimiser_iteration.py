@@ -15,10 +15,8 @@ import numpy as np
 import torch
 
 from holoview.evidence.benchmark.frame_jobs import (
-    Renderer,
     full_frame,
     open_renderer,
-    open_staged,
     time_interleaved,
     update_and_wait,
 )
@@ -85,7 +83,7 @@ def time_handover(system: System, device: Device, rounds: int, name: str = "auto
     The shaders' library can't share a card's memory with torch: patterns are copied to the processor, and from there.
     """
     place, whole = resolve_torch_device(name), ""
-    renderer: Renderer = open_staged(system, device) if system.is_chain else open_renderer(system, device)
+    renderer = open_renderer(system, device)
     drives = [random_drive(system, seed) for seed in range(2)]
     parts = [drive if system.is_chain else {whole: drive} for drive in drives]
     patterns = cycle([{own: torch.from_numpy(p).to(place) for own, p in drive.items()} for drive in parts])

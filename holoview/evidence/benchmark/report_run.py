@@ -32,14 +32,12 @@ from holoview.evidence.benchmark.frame_benchmark import (
     reference_intensity,
 )
 from holoview.evidence.benchmark.frame_jobs import (
-    Renderer,
     TimedJob,
     amplitude_edit,
     frames_in_a_row,
     full_frame,
     gap_edit,
     open_renderer,
-    open_staged,
     scrub,
     time_interleaved,
     tune,
@@ -644,9 +642,7 @@ class ReportRun:
         return found
 
     def _power(self) -> dict[str, Any]:
-        system = self.options.middle_system
-        opened: Renderer = open_staged(system, self.device) if system.is_chain else open_renderer(system, self.device)
-        return measure_power(opened, _POWER_S)
+        return measure_power(open_renderer(self.options.middle_system, self.device), _POWER_S)
 
 
 def _require_few_samples(system: System) -> None:

@@ -246,7 +246,7 @@ def _probe(data: Values) -> list[str]:
 def _frames(data: Values) -> Iterator[str]:
     """A table for each size."""
     if not data["sizes"]:
-        yield from ["", "A chain of elements is rendered stage by stage: its times stand beside those of torch, below."]
+        yield from ["", "A chain of elements is timed at its own size, beside torch, below."]
     bandwidth = _copy_bandwidth(data)
     columns = ["λ", "strategy", "λ in a dispatch", "frame", "in a row", "host", "device", "copy"]
     columns += ["plane", "plane, device", "gap", "lasers", "MB moved", "MiB held"]

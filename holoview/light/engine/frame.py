@@ -11,6 +11,7 @@ Frames and sources add incoherently, as intensities. All planes share everything
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from typing import Protocol, TypeVar
 
@@ -142,31 +143,16 @@ def run_stages(
     plan = executor.plan
     for plane in range(len(plan.planes)):
         executor.clear(plane)
-    for frame in plan.lit(wavelength):
-        for source in range(len(plan.slopes)):
-            add_beam(executor, wavelength, frame, source, behind)
-
-
-def add_beam(
-    executor: Executor[Field],
-    wavelength: int,
-    frame: int,
-    source: int,
-    behind: Callable[[Field, float], None] | None = None,
-) -> None:
-    """Add the light of a frame and a source to the intensities of all planes. behind: as of `run_stages`."""
-    spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-    if behind is not None:
-        behind(spectrum, float(executor.plan.weights[frame, wavelength]))
-    add_light(executor, spectrum, wavelength, frame)
-
-
-def add_light(executor: Executor[Field], spectrum: Field, wavelength: int, frame: int) -> None:
-    """Add the light of a frame whose spectrum behind the last element is known to the intensities of all planes."""
-    plan, weight = executor.plan, float(executor.plan.weights[frame, wavelength])
-    for plane in range(len(plan.planes)):
-        seen = executor.transmit(spectrum, plan.way.last, wavelength, plane)
-        executor.accumulate(executor.field(seen, plan.way.last), plane, weight)
+    for frame, source in itertools.product(plan.lit(wavelength), range(len(plan.slopes))):
+        spectrum, weight = (
+            spectrum_behind_modulators(executor, wavelength, frame, source),
+            float(plan.weights[frame, wavelength]),
+        )
+        if behind is not None:
+            behind(spectrum, weight)
+        for plane in range(len(plan.planes)):
+            seen = executor.transmit(spectrum, plan.way.last, wavelength, plane)
+            executor.accumulate(executor.field(seen, plan.way.last), plane, weight)
 
 
 def compute_focal_stack(

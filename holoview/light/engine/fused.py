@@ -19,8 +19,9 @@ a relay passes (`fused_kernels: FrameLayout`). H is the transfer function.
 `DeviceTables` holds the inputs of the kernels in device buffers, with fingerprints that tell when a result is stale.
 
 The buffers are rewritten in place when the bench is edited, so that bound dispatches stay valid. Two results are equal
-if the bytes of their inputs are equal: `field_fingerprints` and `relay_fingerprint` return digests of these bytes,
-which alone decide what an edit makes stale.
+if the bytes of their inputs are equal: `light_fingerprints` and `relay_fingerprint` return digests of these bytes,
+which alone decide what an edit makes stale. Of a chain, whose tables are made where a kernel reads them, numbers stand
+for what they follow from.
 """
 
 from __future__ import annotations
@@ -31,7 +32,6 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import blake2b
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,7 @@ from holoview.light.gpu.recorder import CommandRecorder, Dispatch
 from holoview.light.model.passband import Transfer
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.sampling import ceil_div
+from holoview.util.mailbox import Inputs, are_same
 
 _SUPPORT_BYTES = 16  # of a vec4i: the frequencies that pass in a column
 
@@ -99,6 +100,7 @@ class DeviceTables:
         self._items: dict[Key, list[bytes]] = {}
         self._transfers: dict[tuple[int, int], Transfer] = {}  # that the tables of a relay and wavelength hold
         self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
+        self._numbers: dict[Key, tuple[Inputs, int]] = {}
         self.plan, self.inputs = plan, inputs
         changes = TableChanges(plan, inputs)
         self._add_inputs(changes)
@@ -166,23 +168,58 @@ class DeviceTables:
 
     # --- fingerprints -----------------------------------------------------------------------------------------------
 
-    def field_fingerprints(self, frame: int, source: int, wavelength: int) -> tuple[Fingerprint, Fingerprint]:
-        """Fingerprints of the fields behind the first and behind the last modulator."""
-        wave = source * len(self.plan.system.wavelengths_m) + wavelength
-        first = (self._digests[("plane waves",)][wave], *self._modulator_fingerprint(0, frame, wavelength))
-        if self.plan.system.gap_m is None:
-            return first, first
-        gap = self.relay_fingerprint(wavelength, relay=0)
-        return first, (first, gap, *self._modulator_fingerprint(1, frame, wavelength))
+    def light_fingerprints(self, frame: int, source: int, wavelength: int) -> tuple[Fingerprint, ...]:
+        """Fingerprints of the light behind each place."""
+        way, wave = self.plan.way, source * len(self.plan.system.wavelengths_m) + wavelength
+        found: list[Fingerprint] = []
+        before: tuple[Fingerprint, ...] = (self._digests[("plane waves",)][wave],)
+        for place in range(len(way.places)):
+            found.append((*before, *self._transmission_fingerprint(place, frame, wavelength)))
+            before = (found[-1], self.relay_fingerprint(wavelength, way.last + 1 - len(way.places) + place))
+        return tuple(found)
 
-    def relay_fingerprint(self, wavelength: int, relay: int = 1) -> Fingerprint:
-        """Fingerprint of the propagation through a relay: over the gap (0) or to the plane (1)."""
+    def relay_fingerprint(self, wavelength: int, relay: int) -> Fingerprint:
+        """Fingerprint of the propagation through a relay."""
         tables = tuple(self._digests[name, relay][wavelength] for name in ("propagations", "support"))
-        return (*tables, self._digests.get(("pupil", relay, wavelength)))
+        way, key = self.plan.way, ("pupil", relay, wavelength)
+        if not way.is_chain:
+            return (*tables, self._digests.get(key))
+        eye = self.plan.nominal.eye if relay == way.last else None
+        stops = (way.relays[relay], way.orders_m[relay], way.kernel(relay), self.plan.has_weighted_stops, eye)
+        return (*tables, self._number(key, (*self._bench_inputs(wavelength), *stops)))
 
-    def _modulator_fingerprint(self, modulator: int, frame: int, wavelength: int) -> tuple[Fingerprint, ...]:
-        dense = self._digests.get(("dense", frame, modulator, wavelength))
-        return dense or (self._digests["modulators", modulator][wavelength], self._digests["opd", frame, modulator])
+    def _transmission_fingerprint(self, place: int, frame: int, wavelength: int) -> tuple[Fingerprint, ...]:
+        if self.plan.way.is_chain:
+            return (self._number(("dense", place, wavelength), self._place_inputs(place, wavelength)),)
+        dense = self._digests.get(("dense", frame, place, wavelength))
+        return dense or (self._digests["modulators", place][wavelength], self._digests["opd", frame, place])
+
+    def _number(self, key: Key, inputs: Inputs) -> int:
+        """A number that changes when what tables of a chain follow from does: these aren't made to be compared."""
+        before, number = self._numbers.get(key, ((), 0))
+        self._numbers[key] = inputs, number if are_same(before, inputs) else number + 1
+        return self._numbers[key][1]
+
+    def _bench_inputs(self, wavelength: int) -> Inputs:
+        """What all tables of a wavelength follow from.
+
+        Effects may make any depend on all of the bench but its planes, its eye and its patterns.
+        """
+        nominal = self.plan.nominal
+        light: Inputs = (float(self.plan.system.wavelengths_m[wavelength]),)
+        if not nominal.effects:
+            return light
+        lasers = (tuple(nominal.wavelengths_m), tuple(nominal.amplitudes.ravel()), nominal.source)
+        return (*light, nominal.effects, nominal.elements, nominal.planes_from, nominal.sampling, *lasers)
+
+    def _place_inputs(self, place: int, wavelength: int) -> Inputs:
+        """What the transmission of a place of a chain follows from, in all frames."""
+        way, system, found = self.plan.way, self.plan.system, self._bench_inputs(wavelength)
+        names = {id(e): name for e, name in zip(system.elements, system.element_names, strict=True)}
+        for of in (way.transmissions[number] for number in way.places[place]):
+            arms = (names.get(id(element), "") for element in (of.element, *of.beside))
+            found = (*found, of, *(self.inputs.drives.get(name) for name in arms))
+        return found
 
     # --- computing --------------------------------------------------------------------------------------------------
 
@@ -366,13 +403,13 @@ class FusedFrame:
 
     def rows_behind(self, place: int) -> StoredRows:
         """The rows that `record_first_place` and `record_place` give of a place."""
-        shape = self.fused_kernels.shape
-        return self.kept if place == shape.places - 1 else self.layout.entering[shape.first_relay + place]
+        first_relay = self.fused_kernels.shape.first_relay
+        return self.layout.kept if place == self.last_place else self.layout.entering[first_relay + place]
 
     @property
-    def kept(self) -> StoredRows:
-        """The rows that `record_place` gives of the last place."""
-        return self.layout.kept
+    def last_place(self) -> int:
+        """The number of the last place."""
+        return self.fused_kernels.shape.places - 1
 
     def allocate_rows(self, label: str, rows: StoredRows) -> BufferRegion:
         """New memory for rows of a span of `max_wavelengths`."""
@@ -434,16 +471,15 @@ class FusedFrame:
         self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None = None
     ) -> BufferRegion:
         """Record all kernels from the source to what is kept for all planes."""
-        last = self.fused_kernels.shape.places - 1
-        rows = self.record_first_place(recorder, span, target if last == 0 else None)
-        for place in range(1, last + 1):
-            rows = self.record_place(recorder, span, place, rows, target if place == last else None)
+        rows = None
+        for place in range(self.last_place + 1):
+            rows = self.record_place(recorder, span, place, rows, target if place == self.last_place else None)
+        assert rows is not None
         return rows
 
-    def record_first_place(
-        self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None = None
+    def _record_first_place(
+        self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None
     ) -> BufferRegion:
-        """Record the kernel of the light behind the first place, transformed along x."""
         target = target or self._scratch[0]
         is_tilted = self.tables.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
         is_dense, buffers = self._transmission(span, 0)
@@ -457,16 +493,19 @@ class FusedFrame:
         recorder: CommandRecorder,
         span: WavelengthSpan,
         place: int,
-        rows: BufferRegion,
+        rows: BufferRegion | None,
         target: BufferRegion | None = None,
     ) -> BufferRegion:
         """Record the kernels from the light behind the place before to that behind a place, transformed along x.
 
-        place: its number, from 1. Of the last place it is what is kept for all planes: these rows, or the spectrum.
+        rows: the light behind the place before; None for the first, which begins at the source. Of the last place it is
+        what is kept for all planes: these rows, or the spectrum.
         """
+        if rows is None:
+            return self._record_first_place(recorder, span, target)
         layout, (other, wide) = self.layout, self._scratch
         relay = self.fused_kernels.shape.first_relay + place - 1
-        has_spectrum = layout.keeps_spectrum and place == self.fused_kernels.shape.places - 1
+        has_spectrum = layout.keeps_spectrum and place == self.last_place
         to, behind = None if has_spectrum else target, wide if rows != wide else other
         if layout.leaving[relay] == layout.entering[relay + 1]:
             behind = modulated = to or (rows if self.works_in_place and rows in self._scratch else behind)
@@ -596,60 +635,54 @@ def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> li
 # --- memory for results -----------------------------------------------------------------------------------------------
 
 
-FieldName = Literal["first", "second"]
-"""The field behind the first modulator, or the field or spectrum that is kept behind the last modulator."""
-FIELD_NAMES: tuple[FieldName, ...] = ("first", "second")
 FrameWavelength = tuple[int, int]
 """Index of a frame and index of a wavelength."""
 XyzWeight = NDArray[np.float64]
 """XYZ (3,) of unit intensity."""
 
 
-class FieldMemory:
-    """Fields between kernels by name and span, as many as fit `budget_bytes`.
+class LightMemory:
+    """Light behind places by place and span, as much as fits `budget_bytes`.
 
     A buffer holds the `frame.max_wavelengths` successive wavelengths that a dispatch may compute.
     """
 
     def __init__(self, frame: FusedFrame, budget_bytes: int) -> None:
         self._frame, self._budget_bytes = frame, budget_bytes
-        self._buffers: dict[Hashable, Buffer] = {}
+        self._buffers: dict[tuple[int, int, int, int], Buffer] = {}
 
-    def region(self, name: FieldName, span: WavelengthSpan) -> BufferRegion | None:
-        """Where the fields of a span are stored, allocated if necessary; None if the budget has no room for them."""
+    def region(self, place: int, span: WavelengthSpan) -> BufferRegion | None:
+        """Where the light of a span is stored, allocated if necessary; None if the budget has no room for it."""
         chunk, first = divmod(span.wavelength, self._frame.max_wavelengths)
-        key = (name, span.frame, span.source, chunk)
+        key = (place, span.frame, span.source, chunk)
         if key not in self._buffers:
-            if self.memory_bytes + self._buffer_bytes(name) > self._budget_bytes:
+            if self.memory_bytes + self._buffer_bytes(place) > self._budget_bytes:
                 return None
-            label = f"{name} rows, frame {span.frame}"
-            self._buffers[key] = self._frame.allocate_rows(label, self._rows(name)).buffer
+            label = f"light behind place {place + 1}, frame {span.frame}"
+            self._buffers[key] = self._frame.allocate_rows(label, self._frame.rows_behind(place)).buffer
         return BufferRegion(self._buffers[key], first)
 
-    def has_room_for(self, fields: int) -> bool:
-        """Whether this many first fields and as many second fields would fit an empty cache."""
-        buffers = ceil_div(fields, self._frame.max_wavelengths)
-        return buffers * sum(self._buffer_bytes(name) for name in FIELD_NAMES) <= self._budget_bytes
+    def has_room_for(self, spans: int, places: Iterable[int]) -> bool:
+        """Whether the light of so many wavelengths, frames and sources behind some places would fit an empty cache."""
+        buffers = ceil_div(spans, self._frame.max_wavelengths)
+        return buffers * sum(map(self._buffer_bytes, places)) <= self._budget_bytes
 
-    def clear(self) -> None:
-        """Release all memory, because fields of another size are going to be stored."""
-        self._buffers.clear()
+    def clear(self, place: int | None = None) -> None:
+        """Release the memory of a place, or all of it, because light of another size is going to be stored."""
+        self._buffers = {key: buffer for key, buffer in self._buffers.items() if place not in (None, key[0])}
 
-    def _rows(self, name: FieldName) -> StoredRows:
-        return self._frame.rows_behind(0) if name == "first" else self._frame.kept
-
-    def _buffer_bytes(self, name: FieldName) -> int:
-        return self._frame.rows_bytes(self._rows(name)) * self._frame.max_wavelengths
+    def _buffer_bytes(self, place: int) -> int:
+        return self._frame.rows_bytes(self._frame.rows_behind(place)) * self._frame.max_wavelengths
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory of the stored fields."""
+        """Device memory of the stored light."""
         return sum(buffer.nbytes for buffer in self._buffers.values())
 
 
-def field_keys(name: FieldName, span: WavelengthSpan) -> list[Hashable]:
-    """The keys of the fields of a span: (name, frame, source, wavelength)."""
-    return [(name, span.frame, span.source, span.wavelength + i) for i in range(span.count)]
+def light_keys(place: int, span: WavelengthSpan) -> list[Hashable]:
+    """The keys of the light of a span: ("light", place, frame, source, wavelength)."""
+    return [("light", place, span.frame, span.source, span.wavelength + i) for i in range(span.count)]
 
 
 class IntensityMemory:

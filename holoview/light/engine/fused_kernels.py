@@ -286,13 +286,13 @@ class FusedKernels:
         return [shader for variant in ordered for shader in self.transform(variant, strategy).shaders]
 
     def precompile(self, strategy: Strategy, plan: Plan) -> None:
-        """Start compiling the kernels that a plan needs if it has neither pupils nor dense transmissions."""
+        """Start compiling the kernels that a plan needs as far as `plain_variants` tells."""
         precompile(self.device, self.shaders(strategy, self.plain_variants(strategy, plan)))
 
     def plain_variants(self, strategy: Strategy, plan: Plan) -> frozenset[KernelVariant]:
-        """The kernels that a plan needs if it has neither pupils nor dense transmissions."""
-        relays, places = len(self.shape.bands), self.shape.places
-        return required_variants(self.layout(strategy), plan, [{False}] * relays, [False] * places)
+        """The kernels that a plan needs if it has no pupils, and of a short form no dense transmissions."""
+        relays, are_dense = len(self.shape.bands), [plan.way.is_chain] * self.shape.places
+        return required_variants(self.layout(strategy), plan, [{False}] * relays, are_dense)
 
 
 def works_in_place(layout: FrameLayout) -> bool:

@@ -1,28 +1,27 @@
 """Re-renders an edited hologram: recomputes only the results that depend on the edit.
 
-    first rows ─▶ second rows ─▶ intensity ─▶ XYZ ─▶ sRGB image
-    (frame, source, wavelength)  (frame, wavelength)
+    light behind a place ─▶ light behind the last place ─▶ intensity ─▶ XYZ ─▶ sRGB image
+             (frame, source, wavelength)                  (frame, wavelength)
 
-The first and second rows are the fields behind the first and the last modulator, transformed along x (see `fused`).
-Each result is stored on the device with a fingerprint of its inputs. It is stale if the fingerprint differs from that
-of the present bench; there are no other rules. These edits therefore recompute:
+A place is where a modulator stands, or several elements of a chain (see `fused`). Each result is stored on the device
+with a fingerprint of its inputs. It is stale if the fingerprint differs from that of the present bench; there are no
+other rules. These edits therefore recompute:
 
-    exposure                    the sRGB image
-    observer, amplitudes        XYZ and the sRGB image, since intensities are stored at unit amplitude
-    focal plane, relay 2        for each wavelength a column FFT, transfer function, column IFFT and row IFFT
-    gap, relay 1, modulator 2   everything behind the first modulator
-    one wavelength              that wavelength
+    exposure                       the sRGB image
+    observer, amplitudes           XYZ and the sRGB image, since intensities are stored at unit amplitude
+    focal plane, the last relay    for each wavelength a column FFT, transfer function, column IFFT and row IFFT
+    another relay, a modulator     what lies behind the place before it
+    one wavelength                 that wavelength
 
 While a result is being written it has no fingerprint, until all of its work has been submitted, since an update may be
-abandoned half way. Results for which the memory budget has no room are recomputed when they are needed; so are first
-rows, until an edit shows that storing them pays.
+abandoned half way. Results for which the memory budget has no room are recomputed when they are needed. Before the last
+place light is stored behind one more: that before which the latest edit changed nothing.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,17 +33,16 @@ from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor, WeightedIntensity
 from holoview.light.engine.fused import (
-    FIELD_NAMES,
     BufferRegion,
-    FieldMemory,
     Fingerprint,
     FrameWavelength,
     FusedFrame,
     IntensityMemory,
+    LightMemory,
     WavelengthSpan,
     XyzWeight,
-    field_keys,
     group_into_spans,
+    light_keys,
 )
 from holoview.light.engine.fused_kernels import FusedKernels, KernelVariant, frame_shape
 from holoview.light.engine.shader_structs import ShaderInputs
@@ -74,34 +72,15 @@ XyzTerms = dict[FrameWavelength, tuple[Fingerprint, bytes]]
 """Fingerprints of the intensities that XYZ is the sum of, and their weights."""
 
 
-class LaserReadout(ABC):
-    """The light of each laser of a system at the plane that is rendered, summed over the lines of its plan."""
-
-    _plan: Plan
-
-    @abstractmethod
-    def _line_intensity(self, wavelength: int) -> NDArray[np.float32]:
-        """Intensity (y, x) of a wavelength of the plan."""
-
-    def intensity(self, laser: int) -> NDArray[np.float32]:
-        """Up-to-date intensity (y, x) of a laser of the system: mean over frames and sources, with its power."""
-        return np.sum([self._line_intensity(line) for line in self._plan.lasers[laser].indices], axis=0)
-
-    def luminance(self, laser: int) -> NDArray[np.float32]:
-        """Up-to-date luminance (y, x) of a laser of the system: its part of the Y of `xyz`."""
-        weights = self._plan.colour_weights[:, 1].astype(np.float32)
-        lines = self._plan.lasers[laser].indices
-        return np.sum([weights[line] * self._line_intensity(line) for line in lines], axis=0)
-
-
-class IncrementalRenderer(LaserReadout):
+class IncrementalRenderer:
     """Renders the drive of a system at one focal plane, and re-renders it after edits.
 
     After `edit`, either call `update`, or iterate over `steps`, which submit little work each, and stop as soon as the
     next edit arrives. Results are on the device as `xyz_buffer`, f32 (y, x, 4), and `srgb_buffer`, 8-bit RGBA with
     `compositor.pitch` pixels in each row; on the host from `xyz`, `srgb8` and `intensity`.
 
-    drive: (frame, modulator, y, x), fractions of the stroke from 0 to 1. plane_m: None for the system's first plane.
+    drive: (frame, modulator, y, x), fractions of the stroke from 0 to 1; of a chain patterns by names of elements, of
+    which an edit changes those whose array is another one. plane_m: None for the system's first plane.
     half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
     a pupil. 1 makes the shortest steps; a card waits less for the processor with more. None: as many as there are on a
     discrete GPU, if they fit a quarter of the budget, and 1 elsewhere. strategy: of the FFTs; "auto" starts with a
@@ -128,10 +107,10 @@ class IncrementalRenderer(LaserReadout):
         max_wavelengths: int | None = None,
         strategy: StrategyOption = "auto",
     ) -> None:
-        system.require_short_form("incremental rendering")
         self.device = device
         self._budget_bytes, self._max_wavelengths, self._half = budget_bytes, max_wavelengths, half
         self._drive, self._generation = drive, 0
+        self._stored_place: int | None = None  # before the last, behind which light is stored
         self.step_s: float | None = None
         self.update_s, self.progress = 0.0, 0.0
         self._submitter = Submitter(device)
@@ -156,6 +135,11 @@ class IncrementalRenderer(LaserReadout):
         return self._plan.nominal
 
     @property
+    def plan(self) -> Plan:
+        """The plan after the last edit; its last plane is that which is rendered."""
+        return self._plan
+
+    @property
     def dispatch_counts(self) -> Counter[str]:
         """Number of dispatched kernels by name: the fused kernels, `composite` and `show`."""
         return self._frame.dispatch_counts
@@ -164,7 +148,7 @@ class IncrementalRenderer(LaserReadout):
     def memory_bytes(self) -> int:
         """Device memory of fields and intensities, and of a sum of these."""
         others = 0 if self._others is None else self._others.nbytes
-        return self._frame.memory_bytes + self._fields.memory_bytes + self._intensities.memory_bytes + others
+        return self._frame.memory_bytes + self._light.memory_bytes + self._intensities.memory_bytes + others
 
     @property
     def traffic_bytes(self) -> int:
@@ -300,6 +284,16 @@ class IncrementalRenderer(LaserReadout):
         """The 8-bit sRGB image (y, x, 3) of the last update."""
         return self.compositor.download_srgb8(self.srgb_buffer)
 
+    def intensity(self, laser: int) -> NDArray[np.float32]:
+        """Up-to-date intensity (y, x) of a laser of the system: mean over frames and sources, with its power."""
+        return np.sum([self._line_intensity(line) for line in self._plan.lasers[laser].indices], axis=0)
+
+    def luminance(self, laser: int) -> NDArray[np.float32]:
+        """Up-to-date luminance (y, x) of a laser of the system: its part of the Y of `xyz`."""
+        weights = self._plan.colour_weights[:, 1].astype(np.float32)
+        lines = self._plan.lasers[laser].indices
+        return np.sum([weights[line] * self._line_intensity(line) for line in lines], axis=0)
+
     def _line_intensity(self, wavelength: int) -> NDArray[np.float32]:
         """Up-to-date intensity (y, x) of a wavelength of the plan."""
         total = np.zeros(self._plan.grid.shape, np.float32)
@@ -387,7 +381,7 @@ class IncrementalRenderer(LaserReadout):
         return is_resident and self._holds({("intensity", *key): self._intensity_fingerprint(key)})
 
     def _holds(self, fingerprints: Mapping[Hashable, Fingerprint]) -> bool:
-        """Whether results are stored with these fingerprints. Keys: "XYZ", "sRGB", or as `field_keys` makes them."""
+        """Whether results are stored with these fingerprints. Keys: "XYZ", "sRGB", or as `light_keys` makes them."""
         return all(self._fingerprints.get(key) == fingerprint for key, fingerprint in fingerprints.items())
 
     def _forget(self, keys: Iterable[Hashable]) -> None:
@@ -404,33 +398,38 @@ class IncrementalRenderer(LaserReadout):
         """Fingerprint of the intensity that the present bench has."""
         frame, wavelength = key
         tables, sources = self._frame.tables, range(len(self._frame.tables.plan.slopes))
-        fields = tuple(tables.field_fingerprints(frame, source, wavelength)[1] for source in sources)
-        return fields, tables.relay_fingerprint(wavelength)
+        light = tuple(tables.light_fingerprints(frame, source, wavelength)[-1] for source in sources)
+        return light, tables.relay_fingerprint(wavelength, tables.plan.way.last)
 
-    def _example_fingerprints(self) -> tuple[Fingerprint, Fingerprint]:
-        """Fingerprints of the first and second rows of the first frame and wavelength with light."""
+    def _example_fingerprints(self) -> tuple[Fingerprint, ...]:
+        """Fingerprints of the light behind each place, of the first frame and wavelength with light."""
         frame, wavelength = np.argwhere(self._frame.tables.plan.weights > 0)[0].tolist()
-        return self._frame.tables.field_fingerprints(frame, 0, wavelength)
+        return self._frame.tables.light_fingerprints(frame, 0, wavelength)
 
-    def _is_gap_edit(self, before: tuple[Fingerprint, Fingerprint]) -> bool:
-        """Whether an edit changed the second rows but not the first, and all first rows fit the budget.
+    def _store_before_edit(self, before: tuple[Fingerprint, ...]) -> None:
+        """Store the light behind the last place before which an edit changed nothing, if all of it fits the budget.
 
-        After such an edit the first rows are stored. They aren't stored from the start, because the kernels that follow
-        then can't work in place, which is slower.
+        It isn't stored from the start, because the kernels that follow then can't work in place, which is slower.
         """
-        first, second = self._example_fingerprints()
-        fields = len(self._frame.tables.plan.slopes) * int(np.count_nonzero(self._frame.tables.plan.weights))
-        return first == before[0] and second != before[1] and self._fields.has_room_for(fields)
+        after, plan = self._example_fingerprints(), self._frame.tables.plan
+        place = sum(one == other for one, other in zip(before, after, strict=True)) - 1
+        spans = len(plan.slopes) * int(np.count_nonzero(plan.weights))
+        if 0 <= place < self._frame.last_place and self._light.has_room_for(spans, {place, self._frame.last_place}):
+            former, self._stored_place = self._stored_place, place
+            if former not in (None, place):
+                self._light.clear(former)
+                self._forget_light(former)
 
     # --- recording --------------------------------------------------------------------------------------------------
 
     def _accumulate_intensity(self, span: WavelengthSpan, recorder: CommandRecorder) -> None:
         """Record the intensities of a span for one source: stored for source 0, added for the others."""
-        second = self._record_second_rows(span, recorder)
+        light = self._record_light(span, recorder)
         keys = [(span.frame, span.wavelength + i) for i in range(span.count)]
         self._forget([("intensity", *key) for key in keys])
         region = self._intensities.region(keys[0])
-        self._frame.record_intensity(recorder, span, second, region, accumulates=span.source > 0)
+        self._frame.record_intensity(recorder, span, light, region, accumulates=span.source > 0)
+        self._frame.forget_beams()
         if span.source == len(self._frame.tables.plan.slopes) - 1:
             self._remember({("intensity", *key): self._intensity_fingerprint(key) for key in keys}, recorder)
 
@@ -495,45 +494,35 @@ class IncrementalRenderer(LaserReadout):
         self._frame.dispatch_counts["show"] += 1
         self._remember({"sRGB": fingerprint}, recorder)
 
-    def _record_second_rows(self, span: WavelengthSpan, recorder: CommandRecorder) -> BufferRegion:
-        """The field behind the last modulator: stored, or else recomputed from the latest stored field."""
-        wavelengths = range(span.wavelength, span.wavelength + span.count)
-        pairs = [self._frame.tables.field_fingerprints(span.frame, span.source, w) for w in wavelengths]
-        firsts = dict(zip(field_keys("first", span), (first for first, _ in pairs), strict=True))
-        seconds = dict(zip(field_keys("second", span), (second for _, second in pairs), strict=True))
-        cached = self._fields.region("second", span)
-        if cached is not None and self._holds(seconds):
-            return cached
-        if self._frame.tables.plan.system.gap_m is None:
-            second = self._frame.record_first_place(recorder, span, cached)
-        else:
-            target = cached if self._frame.works_in_place else None
-            first = self._record_first_rows(span, recorder, firsts, target)
-            second = self._frame.record_place(recorder, span, 1, first, cached)
-        if cached is not None:
-            self._remember_fields(seconds, recorder)
-        return second
+    def _record_light(self, span: WavelengthSpan, recorder: CommandRecorder) -> BufferRegion:
+        """The light behind the last place: stored, or else recomputed from the latest stored light.
 
-    def _record_first_rows(
-        self,
-        span: WavelengthSpan,
-        recorder: CommandRecorder,
-        fingerprints: Mapping[Hashable, Fingerprint],
-        uncached_target: BufferRegion | None,
-    ) -> BufferRegion:
-        """The field behind the first of two modulators: stored, or else recomputed.
-
-        It is written to the cache, or to `uncached_target` if the cache has no room or isn't used.
+        Light that isn't stored goes where that behind the last place will be, if kernels work in place.
         """
-        cached = self._fields.region("first", span) if self._stores_first_rows else None
-        if cached is not None and self._holds(fingerprints):
-            return cached
-        if cached is None:
-            return self._frame.record_first_place(recorder, span, uncached_target)
-        self._remember_fields(fingerprints, recorder)
-        return self._frame.record_first_place(recorder, span, cached)
+        frame, last = self._frame, self._frame.last_place
+        wavelengths = range(span.wavelength, span.wavelength + span.count)
+        fingerprints = [frame.tables.light_fingerprints(span.frame, span.source, w) for w in wavelengths]
+        begin, rows, regions = 0, None, dict[int, BufferRegion | None]()
+        known = {
+            place: dict(zip(light_keys(place, span), (of[place] for of in fingerprints), strict=True))
+            for place in (last, self._stored_place)
+            if place is not None
+        }
+        for place, expected in known.items():
+            regions[place] = region = self._light.region(place, span)
+            if region is not None and self._holds(expected):
+                begin, rows = place + 1, region
+                break
+        loose = regions[last] if frame.works_in_place else None
+        for place in range(begin, last + 1):
+            region = regions.get(place)
+            rows = frame.record_place(recorder, span, place, rows, region or loose)
+            if region is not None:
+                self._remember_light(known[place], recorder)
+        assert rows is not None
+        return rows
 
-    def _remember_fields(self, fingerprints: Mapping[Hashable, Fingerprint], recorder: CommandRecorder) -> None:
+    def _remember_light(self, fingerprints: Mapping[Hashable, Fingerprint], recorder: CommandRecorder) -> None:
         """As `_remember`, unless the strategy changes in between, because the spectra are in the order of the old
         one."""
         self._forget(fingerprints)
@@ -593,12 +582,12 @@ class IncrementalRenderer(LaserReadout):
         xyz_buffer, srgb_buffer = compositor.xyz_buffer("XYZ"), compositor.srgb_buffer("sRGB image")
         lit_first = sorted(np.ndindex(*plan.weights.shape), key=lambda key: plan.weights[key] == 0)
         intensities = IntensityMemory(compositor, lit_first, most, self._budget_bytes)
-        self._fields = FieldMemory(frame, self._budget_bytes - intensities.memory_bytes)
+        self._light = LightMemory(frame, self._budget_bytes - intensities.memory_bytes)
         self._frame, self.compositor, self._intensities = frame, compositor, intensities
         self.xyz_buffer, self.srgb_buffer = xyz_buffer, srgb_buffer
         self._others = None
-        self._fingerprints: dict[Hashable, Any] = {}  # of complete results; see `field_keys`
-        self._stores_first_rows = False
+        self._fingerprints: dict[Hashable, Any] = {}  # of complete results; see `light_keys`
+        self._stored_place = None
 
     def _wavelengths_together(self, plan: Plan, compositor: Compositor) -> int:
         """How many wavelengths a dispatch may compute."""
@@ -613,7 +602,7 @@ class IncrementalRenderer(LaserReadout):
         """Replace the plan by one of the same structure."""
         before = self._example_fingerprints()
         self._frame.tables.set_plan(plan, inputs, len(plan.planes) - 1)
-        self._stores_first_rows |= self._is_gap_edit(before)
+        self._store_before_edit(before)
 
     def _apply_strategy(self, strategy: Strategy) -> bool:
         """Use a strategy from now on; return whether it differs from the previous one.
@@ -622,31 +611,33 @@ class IncrementalRenderer(LaserReadout):
         """
         if strategy == self.strategy:
             return False
-        self._fields.clear()
-        self._forget([key for key in self._fingerprints if isinstance(key, tuple) and key[0] in FIELD_NAMES])
+        self._light.clear()
+        self._forget_light()
         self._frame.use_strategy(strategy)
         return True
+
+    def _forget_light(self, place: int | None = None) -> None:
+        """Mark the light behind a place, or behind all places, as stale."""
+        kept = [key for key in self._fingerprints if isinstance(key, tuple) and key[0] == "light"]
+        self._forget([key for key in kept if place in (None, key[1])])
 
 
 def _structure(plan: Plan, inputs: ShaderInputs) -> Fingerprint:
     """Everything that device memory is allocated and kernels are generated for."""
-    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), _has_no_dense_maps(inputs)
+    return plan.grid, plan.weights.shape, len(plan.slopes), plan.way.places, _has_no_dense_maps(inputs)
 
 
 def _inputs_fingerprint(plan: Plan) -> Fingerprint:
     """Everything that the frame inputs of a drive depend on."""
-    system = plan.system
-    elements = (
-        system.modulators,
-        system.relay1,
-        system.relay2,
-        system.wavelengths_m.tobytes(),
-        plan.grid,
-        system.frames,
-    )
-    eye = plan.nominal.eye
+    system, nominal = plan.system, plan.nominal
+    lasers = (system.wavelengths_m.tobytes(), plan.grid, system.frames)
+    if system.is_chain:
+        source = (nominal.amplitudes.tobytes(), nominal.source) if nominal.effects else None
+        return lasers, nominal.elements, nominal.planes_from, nominal.effects, nominal.eye, source
+    elements = (system.modulators, system.relay1, system.relay2, *lasers)
+    eye = nominal.eye
     seen = eye if eye is not None and eye.has_pupil_function else None
-    return elements, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2, seen
+    return elements, nominal.effects, nominal.relay1, nominal.relay2, seen
 
 
 def _has_no_dense_maps(inputs: ShaderInputs) -> bool:

@@ -5,7 +5,7 @@ The inputs of a frame as shaders read them: a protocol that `holoview.light.opti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,6 +30,10 @@ class ShaderInputs(Protocol):
     @property
     def pupils(self) -> Sequence[Sequence[DeviceArray | None]]:
         """pupils[relay][wavelength]: complex (P_y, P_x), or None if the relay neither apodises nor aberrates."""
+
+    @property
+    def drives(self) -> Mapping[str, object]:
+        """The patterns of a chain by the names of its elements."""
 
     @property
     def sampled_transmissions(self) -> object | None:

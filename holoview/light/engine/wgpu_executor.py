@@ -97,23 +97,16 @@ class WgpuExecutor:
         for plane in range(len(self._intensity) if not spans else 0):
             self.clear(plane)
         for number, span in enumerate(spans):
-            self.add_light(span, self.fused.record_light(self.recording(), span), accumulates=number > 0)
-        self.forget_beams()
-
-    def add_light(self, span: WavelengthSpan, kept: BufferRegion, *, accumulates: bool) -> None:
-        """Add the light of a span behind the last place, as the fused kernels keep it, to all intensities."""
-        weight = float(self.plan.weights[span.frame, span.wavelength])
-        for plane, intensity in enumerate(self._intensity):
-            self.submit()  # since set_plane affects all recorded work that isn't submitted
-            self.fused.tables.set_plane(plane, [span.wavelength])
-            target = BufferRegion(intensity)
-            self.fused.record_intensity(self.recording(), span, kept, target, weight=weight, accumulates=accumulates)
-
-    def forget_beams(self) -> None:
-        """Gives back the tables of a wavelength of a chain, which has one for each element and frame."""
-        if self.plan.way.is_chain:
-            self.submit()
-            self.fused.forget_beams()
+            kept = self.fused.record_light(self._recording(), span)
+            weight = float(self.plan.weights[span.frame, wavelength])
+            for plane, intensity in enumerate(self._intensity):
+                self.submit()  # since set_plane affects all recorded work that isn't submitted
+                self.fused.tables.set_plane(plane, [wavelength])
+                target = BufferRegion(intensity)
+                self.fused.record_intensity(
+                    self._recording(), span, kept, target, weight=weight, accumulates=number > 0
+                )
+        self.fused.forget_beams()
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
@@ -145,7 +138,7 @@ class WgpuExecutor:
 
     def spectrum(self, field: GpuField, modulator: int) -> GpuField:
         """Forward FFT; only the modulator's rows are transformed along x, since the others are zero."""
-        self._fft.forward(self.recording(), self._fields[field.index], rows=self._rows)
+        self._fft.forward(self._recording(), self._fields[field.index], rows=self._rows)
         return GpuField(field.index, relay_behind(self.plan, modulator))
 
     def transmit(self, spectrum: GpuField, relay: int, wavelength: int, plane: int = 0) -> GpuField:
@@ -168,12 +161,12 @@ class WgpuExecutor:
 
     def field(self, spectrum: GpuField, relay: int) -> GpuField:
         """Inverse FFT; only the modulator's rows are valid."""
-        self._fft.inverse(self.recording(), self._fields[spectrum.index], rows=self._rows)
+        self._fft.inverse(self._recording(), self._fields[spectrum.index], rows=self._rows)
         return GpuField(spectrum.index)
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
-        self.recording().clear(self._intensity[plane])
+        self._recording().clear(self._intensity[plane])
 
     def accumulate(self, field: GpuField, plane: int, weight: float) -> None:
         """Add weight·|field|² to the intensity of a plane."""
@@ -202,14 +195,14 @@ class WgpuExecutor:
     def clear_xyz(self) -> None:
         """Set the XYZ of all planes to zero."""
         for buffer in self._xyz:
-            self.recording().clear(buffer)
+            self._recording().clear(buffer)
 
     def composite(self, wavelength: int) -> None:
         """Add each plane's intensity at this wavelength, times the observer's response, to its XYZ."""
         self.submit()  # since the weights affect all recorded work that isn't submitted
         term = (0, self.plan.colour_weights[wavelength])
         for intensity, xyz in zip(self._intensity, self._xyz, strict=True):
-            self._compositor.composite(self.recording(), intensity, [term], xyz, base=xyz)
+            self._compositor.composite(self._recording(), intensity, [term], xyz, base=xyz)
 
     def xyz(self) -> NDArray[np.floating]:
         """XYZ (plane, y, x, 3) float32; submits the recorded work."""
@@ -298,8 +291,7 @@ class WgpuExecutor:
     def _rows(self) -> tuple[int, int]:
         return self.plan.grid.offset[0], self.plan.grid.shape[0]
 
-    def recording(self) -> CommandRecorder:
-        """The work that is recorded and not yet submitted."""
+    def _recording(self) -> CommandRecorder:
         if self._recorder is None:
             self._recorder = CommandRecorder(self.device, "frame")
         return self._recorder
@@ -333,7 +325,7 @@ class WgpuExecutor:
             workgroups = (ceil_div(shape[1], _WORKGROUP), shape[0], 1)
             groups = [[self._grid, *uniforms], list(buffers)]
             self._dispatches[key] = Dispatch.bind(self.device, pipeline, groups, workgroups)
-        self.recording().add(self._dispatches[key])
+        self._recording().add(self._dispatches[key])
 
 
 def _label(key: tuple[Hashable, ...]) -> str:

@@ -42,6 +42,11 @@ class FrameInputs:
         self._drive = drive if hasattr(drive, "detach") else np.asarray(drive)
         check_drive(plan, self._drive)
 
+    @property
+    def drives(self) -> dict[str, Any]:
+        """The patterns of a chain by the names of its elements."""
+        return self._drive if self.plan.way.is_chain else {}
+
     @cached_property
     def opd_m(self) -> torch.Tensor:
         """Optical path (frame, modulator, y, x) of each modulator pixel, m, float64; without effects on modulators.

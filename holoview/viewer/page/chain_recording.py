@@ -8,7 +8,7 @@ effects it holds what Python computed of each sample.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -84,6 +84,11 @@ class _Tables:
             of if way.kernel(relay) is None else [_Blank(self.plan.grid.padded)] * count
             for relay, of in enumerate(known)
         ]
+
+    @property
+    def drives(self) -> Mapping[str, object]:
+        """Those of Python."""
+        return self.inputs.drives
 
     @property
     def sampled_transmissions(self) -> object | None:

@@ -357,14 +357,16 @@ class _FusedBeams:
         self._device = device
         self._frame = FusedFrame(plan, inputs, device, strategy=strategy)
         self._frame.tables.set_plane(len(plan.planes) - 1)
-        self.is_kept = self._frame.rows_bytes(self._frame.kept) * count <= most_bytes
+        self.is_kept = self._frame.rows_bytes(self._frame.rows_behind(self._frame.last_place)) * count <= most_bytes
         self._kept: BufferRegion | None = None
 
     def record_field(self, span: WavelengthSpan) -> None:
         """Submits the light behind the last modulator."""
         frame, recorder, target = self._frame, CommandRecorder(self._device), None
         if self.is_kept:
-            target = frame.allocate_rows(f"field {span.frame} {span.source} {span.wavelength}", frame.kept)
+            target = frame.allocate_rows(
+                f"field {span.frame} {span.source} {span.wavelength}", frame.rows_behind(frame.last_place)
+            )
         self._kept = frame.record_light(recorder, span, target)
         recorder.submit()
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.light.engine.incremental import UpdateProgress
+from holoview.light.engine.incremental import IncrementalRenderer, UpdateProgress
 from holoview.light.gpu.device import Device
-from holoview.viewer.render.progressive_renderer import Renderer, edit_to_scene, slices
+from holoview.viewer.render.progressive_renderer import edit_to_scene, slices
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape, uploaded_image
 from holoview.viewer.render.view_settings import ComparisonSide
 
@@ -39,7 +39,7 @@ class KeptPictures:
         self._device = device
         self._scenes: dict[ComparisonSide, Scene] = {}
         self._kept: dict[ComparisonSide, _Kept] = {}
-        self._renderer: Renderer | None = None
+        self._renderer: IncrementalRenderer | None = None
         self._computed: tuple[ComparisonSide, Scene] | None = None
         self._steps: Iterator[UpdateProgress] | None = None
 

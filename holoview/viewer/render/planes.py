@@ -20,7 +20,7 @@ from holoview.light.model.focus import plane_label
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
-from holoview.viewer.render.progressive_renderer import Renderer, edit_to_scene, make_quick_system, slices
+from holoview.viewer.render.progressive_renderer import edit_to_scene, make_quick_system, slices
 from holoview.viewer.render.scene import DeviceImage, Drive, Scene
 
 Xyz = NDArray[np.floating]
@@ -127,7 +127,7 @@ class PlanePreviews:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._renderer: Renderer | None = None
+        self._renderer: IncrementalRenderer | None = None
         self._requested: tuple[System, Drive] | None = None
         self._stale: list[float] = []
         self._steps: Iterator[UpdateProgress] | None = None

@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 
 from holoview.light.colour import SRGB_TO_XYZ, observer_weights
 from holoview.light.engine.incremental import IncrementalRenderer, UpdateProgress
-from holoview.light.engine.staged import StagedRenderer
 from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -54,27 +53,17 @@ _FORESEEN_LASERS = 3  # whose parts of a full frame tell how bright it will be
 _FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
 
 
-Renderer = IncrementalRenderer | StagedRenderer
-"""A renderer of a bench of the short form, or of another chain of elements."""
-
-
-def edit_to_scene(renderer: Renderer | None, scene: Scene, device: Device) -> Renderer:
+def edit_to_scene(renderer: IncrementalRenderer | None, scene: Scene, device: Device) -> IncrementalRenderer:
     """The renderer, edited so that it will render a scene, or a new one. Raises UserError if it is impossible."""
-    kind = StagedRenderer if scene.system.is_chain else IncrementalRenderer
-    if not isinstance(renderer, kind):
-        new = kind(scene.system, scene.drive, device, plane_m=scene.plane_m)
-        if renderer is not None:
-            renderer.close()
-        return new
+    if renderer is None:
+        return IncrementalRenderer(scene.system, scene.drive, device, plane_m=scene.plane_m)
     drive = None if scene.drive is renderer.drive else scene.drive
     renderer.edit(system=scene.system, drive=drive, plane_m=scene.plane_m)
     return renderer
 
 
-def slices(renderer: Renderer, *, may_reorder: bool = False) -> Iterator[UpdateProgress]:
+def slices(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> Iterator[UpdateProgress]:
     """Renders what is stale, slice by slice. may_reorder: see `IncrementalRenderer.steps`."""
-    if isinstance(renderer, StagedRenderer):
-        return renderer.steps()
     return renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S, may_reorder=may_reorder)
 
 
@@ -88,8 +77,8 @@ class ProgressiveRenderer:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._full: Renderer | None = None
-        self._quick: Renderer | None = None
+        self._full: IncrementalRenderer | None = None
+        self._quick: IncrementalRenderer | None = None
         self._requested: Scene | None = None
         self._stage, self._follows_quick_frame = "done", False
         self._steps: Iterator[UpdateProgress] | None = None
@@ -135,7 +124,7 @@ class ProgressiveRenderer:
         return self._stage == "quick" and self._steps is not None
 
     @property
-    def full_renderer(self) -> Renderer | None:
+    def full_renderer(self) -> IncrementalRenderer | None:
         """The renderer of full frames; None before the first one."""
         return self._full
 
@@ -269,7 +258,9 @@ class ProgressiveRenderer:
         """Luminances (laser, y, x) of the full image on the host; None until it is computed."""
         return self._of_lasers("luminances", lambda renderer, laser: renderer.luminance(laser))
 
-    def _of_lasers(self, name: str, read: Callable[[Renderer, int], NDArray[np.float32]]) -> NDArray[np.float32] | None:
+    def _of_lasers(
+        self, name: str, read: Callable[[IncrementalRenderer, int], NDArray[np.float32]]
+    ) -> NDArray[np.float32] | None:
         if not self.is_fresh or self._full is None:
             return None
         if name not in self._downloads:
@@ -333,7 +324,7 @@ class ProgressiveRenderer:
         self._full_mean = None
         self._compare_brightness()
 
-    def _foresee_brightness(self, quick: Renderer, scene: Scene) -> None:
+    def _foresee_brightness(self, quick: IncrementalRenderer, scene: Scene) -> None:
         """Measures the gain of a quick frame before its full one is there, by three lasers at most.
 
         Their parts of the full frame are computed for that; the full frame goes on from there. The share of the light
@@ -359,7 +350,7 @@ class ProgressiveRenderer:
         x, y, z = gains.tolist()
         self._gain_key, self.quick_gain = _gain_key(scene), (x, y, z)
 
-    def _follow_gap(self, quick: Renderer, scene: Scene) -> bool:
+    def _follow_gap(self, quick: IncrementalRenderer, scene: Scene) -> bool:
         """Finds the gain of a quick frame whose gap alone is another than in the last full frame, if a table tells."""
         if self.full_scene is None or self._full_mean is None:
             return False
@@ -373,7 +364,7 @@ class ProgressiveRenderer:
         self._gain_key, self.quick_gain, self._is_gain_old = _gain_key(scene), (x, y, z), False
         return True
 
-    def _follow_powers(self, quick: Renderer, scene: Scene) -> None:
+    def _follow_powers(self, quick: IncrementalRenderer, scene: Scene) -> None:
         """Finds the gain of a quick frame whose lasers' powers alone are others than in the last full frame.
 
         The mean light of each laser at unit power is known from there; that of lasers that were off is interpolated.
