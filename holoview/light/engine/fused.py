@@ -28,9 +28,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from hashlib import blake2b
 
 import numpy as np
@@ -71,6 +70,7 @@ from holoview.light.model.plan import Plan
 from holoview.light.numerics.sampling import ceil_div
 from holoview.util.mailbox import Inputs, are_same
 
+_MOST_MADE_BYTES = 2**27  # of the tables of a chain that are kept from one update to the next
 _SUPPORT_BYTES = 16  # of a vec4i: the frequencies that pass in a column
 
 Key = tuple[str | int, ...]
@@ -90,7 +90,7 @@ class DeviceTables:
     ("support", relay)                        column support of each wavelength
     ("pupil", relay, wavelength)              pupil of a relay, if it apodises or aberrates
 
-    Of a chain the last two are made when they are asked for, and are given back by `forget_beams`.
+    Of a chain dense transmissions and pupils are made when they are asked for, and kept while they take little memory.
     """
 
     def __init__(self, device: Device, plan: Plan, inputs: ShaderInputs, plane: int | None = None) -> None:
@@ -101,6 +101,7 @@ class DeviceTables:
         self._transfers: dict[tuple[int, int], Transfer] = {}  # that the tables of a relay and wavelength hold
         self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
         self._numbers: dict[Key, tuple[Inputs, int]] = {}
+        self._made: dict[Key, int] = {}  # tables of a chain, and the numbers that they belong to
         self.plan, self.inputs = plan, inputs
         changes = TableChanges(plan, inputs)
         self._add_inputs(changes)
@@ -135,8 +136,18 @@ class DeviceTables:
 
     def pupil(self, relay: int, wavelength: int) -> tuple[bool, Buffer]:
         """Whether the relay has a pupil at that wavelength, and its buffer; a dummy buffer if it has none."""
-        pupil = self.inputs.pupils[relay][wavelength] if self.plan.way.is_chain else None
-        return self._optional(None if pupil is None else partial(complex64, pupil), "pupil", relay, wavelength)
+        key = ("pupil", relay, wavelength)
+        if self.plan.way.is_chain and not self._is_made(key, self._pupil_number(relay, wavelength)):
+            pupil = self.inputs.pupils[relay][wavelength]
+            self._make(key, self._pupil_number(relay, wavelength), None if pupil is None else complex64(pupil))
+        return self._or_dummy(key)
+
+    def has_pupil(self, relay: int, wavelength: int) -> bool:
+        """Whether the relay has a pupil at that wavelength."""
+        key = ("pupil", relay, wavelength)
+        if self.plan.way.is_chain and not self._is_made(key, self._pupil_number(relay, wavelength)):
+            return self.inputs.pupils[relay][wavelength] is not None
+        return key in self._tables
 
     def opd(self, frame: int, place: int) -> Buffer:
         """The buffer of the optical paths at a place; a dummy buffer if it has none."""
@@ -144,23 +155,38 @@ class DeviceTables:
 
     def dense(self, frame: int, place: int, wavelength: int) -> tuple[bool, Buffer]:
         """Whether the transmission of a place is given sample by sample, and its buffer; a dummy buffer if it isn't."""
-        if not self.plan.way.is_chain:
-            return self._optional(None, "dense", frame, place, wavelength)
         numbers = self.plan.way.places[place]
-        shown = max(self.inputs.shown_first(frame, number) for number in numbers)
-        samples = partial(dense_transmission, self.inputs, shown, numbers, wavelength)
-        return self._optional(samples, "dense", shown, place, wavelength)
+        key = ("dense", max(self.inputs.shown_first(frame, number) for number in numbers), place, wavelength)
+        if self.plan.way.is_chain and not self._is_made(key, self._place_number(place, wavelength)):
+            samples = dense_transmission(self.inputs, key[1], numbers, wavelength)
+            self._make(key, self._place_number(place, wavelength), samples)
+        return self._or_dummy(key)
 
-    def _optional(self, samples: Callable[[], NDArray[np.complex64]] | None, *key: str | int) -> tuple[bool, Buffer]:
-        if samples is not None and key not in self._tables:
-            self._tables[key] = self._device.upload(samples(), " ".join(map(str, key)))
+    def _or_dummy(self, key: Key) -> tuple[bool, Buffer]:
         table = self._tables.get(key)
         return table is not None, table or self._no_table
 
-    def forget_beams(self) -> None:
-        """Gives back what was made for beams of a chain."""
-        if self.plan.way.is_chain:
-            self._tables = {key: table for key, table in self._tables.items() if key[0] not in ("dense", "pupil")}
+    def _is_made(self, key: Key, number: int) -> bool:
+        """Whether a table of a chain holds what belongs to a number, which may be nothing."""
+        return self._made.get(key) == number
+
+    def _make(self, key: Key, number: int, values: NDArray[np.complex64] | None) -> None:
+        """Fill a table of a chain."""
+        table = self._tables.pop(key, None)
+        self._made[key] = number
+        if values is not None and table is not None and table.nbytes == values.nbytes:
+            self._device.write(table, values.tobytes())
+            self._tables[key] = table
+        elif values is not None:
+            self._tables[key] = self._device.upload(values, " ".join(map(str, key)))
+
+    def trim(self) -> bool:
+        """Gives the tables back that were made for a chain where they take too much memory, and tells whether so."""
+        is_over = sum(self._tables[key].nbytes for key in self._made if key in self._tables) > _MOST_MADE_BYTES
+        if is_over:
+            self._tables = {key: table for key, table in self._tables.items() if key not in self._made}
+            self._made.clear()
+        return is_over
 
     def is_tilted(self, source: int, wavelengths: range) -> bool:
         """Whether the plane wave of a source is tilted at any of some wavelengths."""
@@ -181,16 +207,13 @@ class DeviceTables:
     def relay_fingerprint(self, wavelength: int, relay: int) -> Fingerprint:
         """Fingerprint of the propagation through a relay."""
         tables = tuple(self._digests[name, relay][wavelength] for name in ("propagations", "support"))
-        way, key = self.plan.way, ("pupil", relay, wavelength)
-        if not way.is_chain:
-            return (*tables, self._digests.get(key))
-        eye = self.plan.nominal.eye if relay == way.last else None
-        stops = (way.relays[relay], way.orders_m[relay], way.kernel(relay), self.plan.has_weighted_stops, eye)
-        return (*tables, self._number(key, (*self._bench_inputs(wavelength), *stops)))
+        if self.plan.way.is_chain:
+            return (*tables, self._pupil_number(relay, wavelength))
+        return (*tables, self._digests.get(("pupil", relay, wavelength)))
 
     def _transmission_fingerprint(self, place: int, frame: int, wavelength: int) -> tuple[Fingerprint, ...]:
         if self.plan.way.is_chain:
-            return (self._number(("dense", place, wavelength), self._place_inputs(place, wavelength)),)
+            return (self._place_number(place, wavelength),)
         dense = self._digests.get(("dense", frame, place, wavelength))
         return dense or (self._digests["modulators", place][wavelength], self._digests["opd", frame, place])
 
@@ -212,14 +235,21 @@ class DeviceTables:
         lasers = (tuple(nominal.wavelengths_m), tuple(nominal.amplitudes.ravel()), nominal.source)
         return (*light, nominal.effects, nominal.elements, nominal.planes_from, nominal.sampling, *lasers)
 
-    def _place_inputs(self, place: int, wavelength: int) -> Inputs:
-        """What the transmission of a place of a chain follows from, in all frames."""
+    def _place_number(self, place: int, wavelength: int) -> int:
+        """The number of what the transmission of a place of a chain follows from, in all frames."""
         way, system, found = self.plan.way, self.plan.system, self._bench_inputs(wavelength)
         names = {id(e): name for e, name in zip(system.elements, system.element_names, strict=True)}
         for of in (way.transmissions[number] for number in way.places[place]):
             arms = (names.get(id(element), "") for element in (of.element, *of.beside))
             found = (*found, of, *(self.inputs.drives.get(name) for name in arms))
-        return found
+        return self._number(("dense", place, wavelength), found)
+
+    def _pupil_number(self, relay: int, wavelength: int) -> int:
+        """The number of what the pupil of a relay of a chain follows from."""
+        way, eye = self.plan.way, self.plan.nominal.eye
+        stops = (way.relays[relay], way.orders_m[relay], way.kernel(relay), self.plan.has_weighted_stops)
+        seen = (*stops, eye if relay == way.last else None)
+        return self._number(("pupil", relay, wavelength), (*self._bench_inputs(wavelength), *seen))
 
     # --- computing --------------------------------------------------------------------------------------------------
 
@@ -461,7 +491,8 @@ class FusedFrame:
     def required_variants(self) -> frozenset[KernelVariant]:
         """The kernel variants that the plan needs."""
         plan, inputs = self.tables.plan, self.tables.inputs
-        has_pupil = [{pupil is not None for pupil in pupils} for pupils in inputs.pupils]
+        wavelengths, relays = range(len(plan.system.wavelengths_m)), range(len(plan.relays))
+        has_pupil = [{self.tables.has_pupil(relay, w) for w in wavelengths} for relay in relays]
         is_dense = [inputs.is_sampled(numbers[0]) for numbers in plan.way.places]
         return required_variants(self.layout, plan, has_pupil, is_dense)
 
@@ -529,10 +560,9 @@ class FusedFrame:
             dense,
         ]
 
-    def forget_beams(self) -> None:
-        """Gives back the tables that were made for beams of a chain, once what uses them is submitted."""
-        if self.tables.plan.way.is_chain:
-            self.tables.forget_beams()
+    def trim(self) -> None:
+        """Gives back memory of tables that were made for beams of a chain, if they take too much."""
+        if self.tables.trim():
             self._dispatches.clear()
 
     def record_intensity(

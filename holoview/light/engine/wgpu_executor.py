@@ -106,7 +106,7 @@ class WgpuExecutor:
                 self.fused.record_intensity(
                     self._recording(), span, kept, target, weight=weight, accumulates=number > 0
                 )
-        self.fused.forget_beams()
+        self.fused.trim()
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
