@@ -73,6 +73,8 @@ class WgpuExecutor:
         single_stages: bool = False,
     ) -> None:
         self.plan, self.inputs, self.device, self._strategy = plan, inputs, device, strategy
+        if not single_stages:
+            _ = self.fused  # now, so that a grid beyond the device's limits is refused where another can be chosen
         self._compositor = Compositor(device, plan.grid.shape)
         planes = range(len(plan.planes))
         self._intensity = [self._compositor.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
@@ -81,8 +83,6 @@ class WgpuExecutor:
         self._dispatches: dict[Hashable, Dispatch] = {}
         self._recorder: CommandRecorder | None = None
         self.power_behind: NDArray[np.float64] | None = None  # not measured here
-        if not single_stages:
-            _ = self.fused  # now, so that a grid beyond the device's limits is refused where another can be chosen
 
     @cached_property
     def fused(self) -> FusedFrame:
