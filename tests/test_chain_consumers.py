@@ -11,9 +11,7 @@ import pytest
 
 import holoview as hv
 from holoview.holograms.optimise.problem import Problem
-from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.light_budget import light_budget
-from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 
 _PHASE = {"kind": "phase", "pitch": 8e-6, "shape": (12, 16), "stroke": 800e-9}
@@ -43,12 +41,6 @@ def test_what_takes_no_chain_says_so(name: str) -> None:
     with pytest.raises(hv.UserError, match="one or two phase modulators") as caught:
         REFUSING[name]()
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.gpu
-def test_incremental_rendering_takes_no_chain(device: Device) -> None:
-    with pytest.raises(hv.UserError, match="incremental rendering, of a chain"):
-        IncrementalRenderer(_chain(), _hologram().drive, device)
 
 
 def test_patterns_survive_a_file(tmp_path: Path) -> None:

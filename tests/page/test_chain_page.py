@@ -159,7 +159,7 @@ def test_tables_that_the_page_computes_are_those_of_python(browser: Browser, tmp
     read = lambda label, dtype: np.frombuffer(base64.b64decode(page.evaluate(_TABLE, label)), dtype)  # noqa: E731
     last_frame = system.frames - 1
     for number in range(len(plan.way.transmissions)):
-        expected = dense_transmission(inputs, last_frame, number, 2)
+        expected = dense_transmission(inputs, last_frame, [number], 2)
         found = read(f"dense {inputs.shown_first(last_frame, number)} {number} 2", np.complex64)
         np.testing.assert_allclose(found.reshape(expected.shape), expected, rtol=0, atol=7e-7)
     for relay in range(len(plan.relays)):

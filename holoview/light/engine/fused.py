@@ -180,9 +180,9 @@ class DeviceTables:
         elif values is not None:
             self._tables[key] = self._device.upload(values, " ".join(map(str, key)))
 
-    def trim(self) -> bool:
-        """Gives the tables back that were made for a chain where they take too much memory, and tells whether so."""
-        is_over = sum(self._tables[key].nbytes for key in self._made if key in self._tables) > _MOST_MADE_BYTES
+    def trim(self, most_bytes: int) -> bool:
+        """Gives the tables back that were made for a chain where they take more memory, and tells whether they did."""
+        is_over = sum(self._tables[key].nbytes for key in self._made if key in self._tables) > most_bytes
         if is_over:
             self._tables = {key: table for key, table in self._tables.items() if key not in self._made}
             self._made.clear()
@@ -560,9 +560,9 @@ class FusedFrame:
             dense,
         ]
 
-    def trim(self) -> None:
-        """Gives back memory of tables that were made for beams of a chain, if they take too much."""
-        if self.tables.trim():
+    def trim(self, most_bytes: int = _MOST_MADE_BYTES) -> None:
+        """Gives the tables back that were made for beams of a chain, if they take more memory."""
+        if self.tables.trim(most_bytes):
             self._dispatches.clear()
 
     def record_intensity(

@@ -106,7 +106,7 @@ class WgpuExecutor:
                 self.fused.record_intensity(
                     self._recording(), span, kept, target, weight=weight, accumulates=number > 0
                 )
-        self.fused.trim()
+        self.fused.trim(0)  # since no wavelength is computed twice
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
