@@ -429,7 +429,7 @@ class IncrementalRenderer:
         self._forget([("intensity", *key) for key in keys])
         region = self._intensities.region(keys[0])
         self._frame.record_intensity(recorder, span, light, region, accumulates=span.source > 0)
-        self._frame.trim()
+        recorder.on_submit(self._frame.trim)
         if span.source == len(self._frame.tables.plan.slopes) - 1:
             self._remember({("intensity", *key): self._intensity_fingerprint(key) for key in keys}, recorder)
 

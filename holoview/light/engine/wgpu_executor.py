@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from holoview.light.engine.compositor import Compositor
 from holoview.light.engine.frame import relay_behind
 from holoview.light.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
+from holoview.light.engine.fused_kernels import FusedKernels, frame_shape
 from holoview.light.engine.shader_structs import (
     GRID,
     MODULATOR,
@@ -88,7 +89,9 @@ class WgpuExecutor:
     def fused(self) -> FusedFrame:
         """The fused kernels."""
         strategy = remembered_strategy(self.device, self.plan.grid.padded)
-        return FusedFrame(self.plan, self.inputs, self.device, strategy=strategy)
+        shape = frame_shape(self.plan, has_plain_pixels=not self.inputs.is_sampled(0))
+        kernels = FusedKernels(self.device, shape)  # not those that a device keeps, which would outlive it
+        return FusedFrame(self.plan, self.inputs, self.device, strategy=strategy, fused_kernels=kernels)
 
     def run(self, wavelength: int) -> None:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
@@ -106,7 +109,9 @@ class WgpuExecutor:
                 self.fused.record_intensity(
                     self._recording(), span, kept, target, weight=weight, accumulates=number > 0
                 )
-        self.fused.trim(0)  # since no wavelength is computed twice
+        if self.plan.way.is_chain:
+            self.submit()
+            self.fused.trim(0)  # since no wavelength is computed twice
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
