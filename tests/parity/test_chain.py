@@ -39,6 +39,12 @@ CHAINS: dict[str, list[dict[str, Any]]] = {
         _SPACE,
         _pixels("amplitude", pitch=24 * UM, shape=(10, 8)),
     ],
+    "a spectrum in place of rows": [
+        _pixels("phase", stroke=800 * NM),
+        _SPACE,
+        _MASK,
+        {"kind": "space", "iris_na": 0.01},
+    ],
     "complex and mask": [_pixels("complex", stroke=600 * NM), _MASK],
     "side by side": [
         _MASK,
