@@ -432,7 +432,7 @@ class FusedFrame:
         return self.fused_kernels.layout(self.strategy)
 
     def rows_behind(self, place: int) -> StoredRows:
-        """The rows that `record_first_place` and `record_place` give of a place."""
+        """The rows that `record_place` gives of a place."""
         first_relay = self.fused_kernels.shape.first_relay
         return self.layout.kept if place == self.last_place else self.layout.entering[first_relay + place]
 
@@ -479,9 +479,8 @@ class FusedFrame:
         entering, leaving = (rows[layout.shape.first_relay :] for rows in (layout.entering, layout.leaving))
         largest = max((*entering, *leaving, layout.kept), key=lambda rows: rows.samples)
         others = largest
-        if (
-            layout.keeps_spectrum and leaving[:-1] == entering[1:] == entering[-1:]
-        ):  # the wide rows are in the other one
+        has_equal_rows = leaving[:-1] == entering[1:] == entering[-1:]
+        if layout.keeps_spectrum and has_equal_rows:  # then the wide rows are all in the other one
             others = max(entering[0], layout.spectrum, key=lambda rows: rows.samples)
         label = f"rows of the field, {width} x {height}"
         self._scratch = [self.allocate_rows(label, rows) for rows in (others, largest)]
