@@ -600,7 +600,6 @@ def _rig_job(args: argparse.Namespace) -> tuple[RigJob, Path]:
     from holoview.bench.rig import read_rig
 
     rig = read_rig(args.rig)
-    rig.require_short_form("the camera in the loop")
     system = on_rig(system_from_args(args, system_of_rig(rig) if _is_same_file(args.preset, args.rig) else None), rig)
     if args.sharded:
         raise UserError("--sharded", "with --rig", expected="one process: there is one bench")

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from holoview.bench.calibrate.amplitude_table import FORMAT, VERSION, fit_amplitudes
 from holoview.bench.calibrate.lut_fit import fit_labelled, known_labels
 from holoview.bench.calibrate.lut_table import format_lut, levels_of_phases, lut_table, save_lut, verify_turn
-from holoview.bench.experiment.lut_sweep import LutMeasurement, SweepPlan, SweepReadings
+from holoview.bench.experiment.lut_sweep import DEVIATION, TRANSMITTED, LutMeasurement, SweepPlan, SweepReadings
 from holoview.bench.rig import RigDescription, open_rig, read_rig
 from holoview.bench.rig.align import (
     check_rig_records,
@@ -23,11 +24,13 @@ from holoview.bench.rig.align import (
     laser_for_alignment,
     misfit_warning,
     registration_of,
+    require_dots,
     sentences,
 )
 from holoview.bench.rig.camera_pictures import SettlingTime, measure_settling, share_deviation, take_exposed
 from holoview.bench.rig.description import virtual_rig_of, with_settle
 from holoview.bench.rig.devices import Counts, Devices, limit_devices
+from holoview.bench.rig.rays import arms_beside, mask_in_the_light
 from holoview.bench.rig.registration import register_devices, registration_path, write_registration
 from holoview.bench.rig.signal_check import SignalCheck, check_signals, signal_lines
 from holoview.commands.arguments import whole
@@ -88,7 +91,9 @@ def _add_lut_options(command: argparse.ArgumentParser) -> None:
         required=True,
         help="the table; readings stand beside it as NAME.sweep.csv, with which the same command goes on",
     )
-    command.add_argument("--slm", type=whole(1, 2), default=1, help="whose table (default 1)")
+    command.add_argument(
+        "--slm", default="1", metavar="NAME", help="whose table: 1, 2, or an element's name (default 1)"
+    )
     command.add_argument(
         "--wavelength", action="append", metavar="LENGTH", help="of a laser of the rig; again for more (default: all)"
     )
@@ -201,7 +206,7 @@ def _lit_picture(rig: RigDescription, devices: Devices, place_m: float) -> tuple
 def _align(args: argparse.Namespace) -> int:
     """Finds orientation and place of modulators, camera and planes, from dots; writes RIG.placement.toml."""
     rig = read_rig(args.rig, is_registered=False)
-    rig.require_short_form("alignment by dots")
+    require_dots(rig)
     output = registration_path(rig.path)
     check_writable(output)
     hold_outputs(args, [output])
@@ -222,7 +227,7 @@ def _align(args: argparse.Namespace) -> int:
             print(f"a diagnosis knows by `--known {output}`: {_words(known)}")
         if not args.no_check:
             registered = rig.registered(registration)
-            at_their_places = limit_devices(register_devices(devices, registration), registered.limits)
+            at_their_places = limit_devices(register_devices(devices, registration, rig.dotted[-1]), registered.limits)
             with progress_bar("checking the records") as report:
                 findings = check_rig_records(registered, at_their_places, report)
             for line in findings.lines:
@@ -279,7 +284,6 @@ def _lut(args: argparse.Namespace) -> int:
     """Sweeps the grey level of binary gratings, reads their orders with the camera, and fits the look-up table as
     `holoview calibrate lut` does. What was measured is kept, and the same command goes on."""
     rig = _read(args)
-    rig.require_short_form("a look-up table by gratings")
     plan = _lut_plan(args, rig)
     table, through_table = args.output.with_suffix(".sweep.csv"), args.output.with_suffix(".verify.csv")
     check_writable(table)
@@ -293,6 +297,8 @@ def _lut(args: argparse.Namespace) -> int:
         except (UserError, KeyboardInterrupt):
             print_stderr(f"{readings.count} of {plan.captures} readings are in {table}; the same command goes on")
             raise
+        if not plan.periods_px[0]:
+            return _save_amplitudes(args, rig.modulator_names[plan.modulator], readings, table.name)
         fitted = fit_labelled(readings.sweeps())
         wavelengths_m, periods = known_labels(fitted.sweeps)
         lut = fitted.lut
@@ -333,18 +339,45 @@ def _lut(args: argparse.Namespace) -> int:
     return 0
 
 
+def _save_amplitudes(args: argparse.Namespace, element: str, readings: SweepReadings, source: str) -> int:
+    """Writes and prints the table of an amplitude modulator."""
+    light, deviation = (readings.mean_over_lasers(order) for order in (TRANSMITTED, DEVIATION))
+    found = fit_amplitudes(light, deviation, source)
+    figures = {"format": FORMAT, "version": VERSION, "source": source, "element": element, **found.as_toml}
+    if args.json:
+        print_json(figures)
+    else:
+        print("\n".join(found.lines))
+    write_file(args.output, tomli_w.dumps(figures))
+    return 0
+
+
+def _slm_number(text: str, rig: RigDescription) -> int:
+    """The number of the modulator that is meant, from 0. Raises UserError for another name."""
+    names = rig.modulator_names
+    numbers = [str(number + 1) for number in range(len(names))]
+    for known in (names, numbers):
+        if text in known:
+            return known.index(text)
+    raise UserError("--slm", text, expected=", ".join(names) if rig.bench.chain else f"1 … {len(names)}")
+
+
 def _lut_plan(args: argparse.Namespace, rig: RigDescription) -> SweepPlan:
     """What the options ask for. Raises UserError for a laser, a modulator or gratings that the rig can't have."""
-    modulators, axis = len(rig.bench.slms), 1 if args.along == "x" else 0
-    if args.slm > modulators:
-        raise UserError("--slm", f"{args.slm}", expected=f"1 … {modulators}")
+    modulator, axis = _slm_number(args.slm, rig), 1 if args.along == "x" else 0
+    is_amplitude = not rig.bench.slms[modulator].opd_range_m
+    _check_lut_light(args, rig, modulator)
     wavelengths = [units.parse(text, "--wavelength") for text in args.wavelength or ()]
     for value in wavelengths:
         if not any(abs(value - own) < 1e-12 for own in rig.wavelengths_m):
             lasers = ", ".join(format_rounded(own, "nm") for own in rig.wavelengths_m)
             raise UserError("--wavelength", format_rounded(value, "nm"), expected=f"one of {lasers}")
     own = [λ for λ in rig.wavelengths_m if not wavelengths or any(abs(λ - value) < 1e-12 for value in wavelengths)]
-    largest = rig.slm_shape[axis] // _LEAST_PERIODS
+    num_levels = rig.bench.slms[modulator].num_levels
+    levels = np.unique(np.linspace(0, num_levels - 1, min(args.levels, num_levels)).round().astype(np.int64))
+    if is_amplitude:
+        return SweepPlan(modulator, tuple(own), (0,), levels)
+    largest = rig.slm_shapes[modulator][axis] // _LEAST_PERIODS
     usual = [period for period in _PERIODS_PX if period <= largest][-3:]
     periods = sorted(set(args.period or usual or [2]))
     odd = next((period for period in periods if period % 2 or period > largest), None)
@@ -352,9 +385,26 @@ def _lut_plan(args: argparse.Namespace, rig: RigDescription) -> SweepPlan:
         raise UserError(
             "--period", f"{odd}", expected=f"an even number up to {largest}, so that {_LEAST_PERIODS} are on it"
         )
-    num_levels = rig.bench.slms[args.slm - 1].num_levels
-    levels = np.unique(np.linspace(0, num_levels - 1, min(args.levels, num_levels)).round().astype(np.int64))
-    return SweepPlan(args.slm - 1, tuple(own), tuple(periods), levels, axis)
+    return SweepPlan(modulator, tuple(own), tuple(periods), levels, axis)
+
+
+def _check_lut_light(args: argparse.Namespace, rig: RigDescription, modulator: int) -> None:
+    """Raises UserError for a modulator whose table can't be read where it stands, and for options that it lacks."""
+    name, mask = rig.modulator_names[modulator], mask_in_the_light(rig)
+    if rig.bench.slms[modulator].opd_range_m:
+        if mask:
+            remedy = "`holoview calibrate` learns its table from captures of random patterns"
+            found = f"{name} behind or before {mask}"
+            raise UserError("--slm", found, expected="gratings that no speckle hides", remedy=remedy)
+        return
+    for flag, is_stated in (("--period", args.period), ("--verify", args.verify), ("--along", args.along == "y")):
+        if is_stated:
+            expected = "none of it: an amplitude modulator shows one level everywhere, and its light is read"
+            raise UserError(flag, f"with {name}, of amplitude", expected=expected)
+    if arms := arms_beside(rig, name):
+        found, expected = f"{name} beside {arms}", "a modulator that all light passes"
+        remedy = f"block the light of {arms} and describe the rig without it, or `holoview calibrate`"
+        raise UserError("--slm", found, expected=expected, remedy=remedy)
 
 
 def _words(known: Mapping[str, Mapping[str, float]]) -> str:

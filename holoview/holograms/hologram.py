@@ -46,8 +46,12 @@ def drive_schema(name: str, *types: str) -> ArraySchema:
 
 def drive_sizes(system: System) -> dict[str, int]:
     """The sizes that arrays of a system's patterns and lasers have in a file, by the names of their axes."""
-    names = ("frame", "modulator", "y", "x")
-    return {**dict(zip(names, system.drive_shape, strict=True)), "wavelength": len(system.wavelengths_m)}
+    sizes, axes = {"wavelength": len(system.wavelengths_m), "frame": system.frames}, ("frame", "y", "x", "part")
+    if not system.is_chain:
+        return sizes | dict(zip(("frame", "modulator", "y", "x"), system.drive_shape, strict=True))
+    for name, shape in system.drive_shapes.items():
+        sizes |= {f"{name}: {axis}": n for axis, n in zip(axes, (*shape, 2), strict=True)}
+    return sizes
 
 
 _FILE = TensorFormat(
@@ -70,14 +74,6 @@ def chain_schema(system: System, element: str, name: str, *types: str) -> ArrayS
     if element in complex_names(system):
         return ArraySchema(name, ("float32",), (*axes, f"{element}: part"))
     return ArraySchema(name, types, axes)
-
-
-def chain_sizes(system: System) -> dict[str, int]:
-    """The sizes of the arrays in a chain's file, by the names of their axes."""
-    sizes = {"wavelength": len(system.wavelengths_m), "frame": system.frames}
-    for name, shape in system.drive_shapes.items():
-        sizes |= {f"{name}: {axis}": n for axis, n in zip(("frame", "y", "x", "part"), (*shape, 2), strict=True)}
-    return sizes
 
 
 def _chain_format(system: System) -> TensorFormat:
@@ -244,7 +240,7 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     told = system_with_elements(path)
     with (_chain_format(told) if told is not None and told.is_chain else _FILE).open(path) as file:
         system = told or preset.loads(file.texts["system"], f"{path}: system", Path(path).parent)
-        tensors = file.tensors(chain_sizes(system) if system.is_chain else drive_sizes(system))
+        tensors = file.tensors(drive_sizes(system))
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):
             raise UserError(f"{path}: {name}", "contradict the file's own system", remedy="write the hologram again")

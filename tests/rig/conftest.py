@@ -126,7 +126,7 @@ class DirectLasers:
 def direct_devices(rig: RigDescription) -> Devices:
     """The devices of a virtual rig in this process, within its limits."""
     bench: Any = DirectBench(rig)
-    settles = [float(rig.devices[name].options.get("settle", 0.0)) for name in ("slm1", "slm2") if name in rig.devices]
+    settles = [float(rig.devices[name].options.get("settle", 0.0)) for name in rig.modulator_names]
     modulators = tuple(VirtualModulator(bench, rig, number, settle_s) for number, settle_s in enumerate(settles))
     camera, stage, clock = VirtualCamera(bench, rig), VirtualStage(bench, rig), VirtualClock(bench)
     return limit_devices(Devices(modulators, camera, DirectLasers(bench, rig), stage, clock), rig.limits)

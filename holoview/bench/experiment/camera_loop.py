@@ -31,8 +31,9 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -50,17 +51,19 @@ from holoview.bench.experiment.camera_problem import (
     calibrate_camera,
     probe_levels,
 )
-from holoview.bench.experiment.rig_bench import lasers_of, levels_of_drive, on_rig
+from holoview.bench.experiment.chain_camera import ChainCameraProblem, ChainVariables
+from holoview.bench.experiment.rig_bench import drive_of_levels, lasers_of, levels_of_drive, on_rig
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.open_rig import open_rig
-from holoview.holograms.hologram import Hologram, drive_sizes
-from holoview.holograms.optimise.checkpoint import VARIABLE_TENSORS, refuse_other_run, target_digest
+from holoview.holograms.hologram import Hologram, drive_sizes, system_with_elements
+from holoview.holograms.optimise.checkpoint import best_of, refuse_other_run, target_digest, variable_tensors
 from holoview.holograms.optimise.hologram_job import IntermediateFiles, RunOptions, nothing_left, optimise_hologram
 from holoview.holograms.optimise.lasers import changes_lasers
 from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.holograms.optimise.settings import CAMERA_STEP_RAD, Settings
 from holoview.holograms.optimise.variables import OptimisationVariables, initial_drive
 from holoview.light.model import preset
+from holoview.light.model.drives import drive_fits
 from holoview.light.model.effects.registry import get_effect, listed_effects
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -73,12 +76,12 @@ _PATIENCE, _SHORTER = 3, 0.5  # iterations in which the loss doesn't fall, and t
 _UPDATE_SIGMAS_PX = BLUR_SIGMAS_PX * 2  # of the random patterns that updates of the model see beside holograms
 _KEPT_PICTURES = 48  # of earlier holograms, for updates of the model
 _F64 = ("float64",)
+Drive = NDArray[Any] | Mapping[str, NDArray[Any]]
 _FORMAT = TensorFormat(
     name="holoview-camera-loop",
     version="1",
     what="a checkpoint that `holoview optimise --rig` wrote",
     tensors=(
-        *VARIABLE_TENSORS,
         ArraySchema("scale", _F64, ("wavelength",), low=0.0),
         ArraySchema("shift", _F64, ("plane", 2)),
         ArraySchema("correlation", _F64, ("plane",), low=-1.0, high=1.0),
@@ -86,6 +89,11 @@ _FORMAT = TensorFormat(
     ),
     metadata_keys=("system", "present", "settings", "progress", "target"),
 )
+
+
+def _format_for(system: System | None) -> TensorFormat:
+    """The format of a checkpoint: of the loop, and of the variables of its bench."""
+    return replace(_FORMAT, tensors=(*variable_tensors(system), *_FORMAT.tensors))
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,8 @@ class CameraLoop:
     """An optimisation at the intensities that the camera of a rig measures.
 
     system: of the rig, with the effects that are known. stack: (plane, y, x, 3) linear sRGB on its simulation grid.
-    camera: takes the pictures. start: first drive (frame, modulator, y, x); `settings.begin` chooses it when None.
+    camera: takes the pictures. start: first drive (frame, modulator, y, x), of a chain (frame, y, x) by element;
+    `settings.begin` chooses it when None.
     resume: a checkpoint to continue from. updates: of the model; None for none. device: of torch.
     is_asked_to_end: asked during long computations.
 
@@ -130,7 +139,7 @@ class CameraLoop:
         settings: Settings,
         rig: RigDescription,
         camera: PictureSource,
-        start: NDArray[np.float32] | None = None,
+        start: Drive | None = None,
         resume: LoopCheckpoint | None = None,
         updates: ModelUpdates | None = None,
         *,
@@ -141,10 +150,7 @@ class CameraLoop:
         self.settings, self.rig, self.camera, self.updates = settings, rig, camera, updates
         self._stack, self._device, self._is_asked_to_end = stack, device, is_asked_to_end
         self._target = target_digest(stack)
-        drive = initial_drive(self.system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
-        if tuple(drive.shape) != self.system.drive_shape:
-            raise UserError("--start", f"patterns of shape {tuple(drive.shape)}", expected=f"{self.system.drive_shape}")
-        self.variables = OptimisationVariables(self.system, settings, drive.to(device))
+        self.variables = _variables(self.system, settings, start, device)
         self.best: Hologram | None = None
         self.progress = LoopProgress(0, 0, 0.0, 0.0, math.inf, -math.inf)
         self.calibration: CameraCalibration | None = None
@@ -154,7 +160,11 @@ class CameraLoop:
         self._notes: list[str] = []
         if resume is not None:
             self._resume(resume)
-        self.problem = CameraProblem(self.system, stack, settings, rig, device)
+        self.problem = self._make_problem()
+
+    def _make_problem(self) -> CameraProblem | ChainCameraProblem:
+        kind = ChainCameraProblem if self.system.is_chain else CameraProblem
+        return kind(self.system, self._stack, self.settings, self.rig, self._device)
 
     def states(self) -> Iterator[CameraLoopState]:
         """Runs the loop; it may be left at any time."""
@@ -179,10 +189,10 @@ class CameraLoop:
 
     def measure(self, hologram: Hologram) -> LossEvaluation:
         """Loss and PSNR of a hologram from fresh pictures, with its amplitudes. After the first state only."""
-        drive = torch.as_tensor(hologram.drive).to(self._device)
+        drive = _tensors(hologram.drive, self._device)
         self._record(drive)
         amplitudes = np.array(hologram.system.amplitudes)
-        return self.problem.evaluate(self._path_m(drive), amplitudes, EvaluationRequest())
+        return self.problem.evaluate(self._evaluated(drive), amplitudes, EvaluationRequest())
 
     def _state(self, evaluation: LossEvaluation, iteration: int) -> CameraLoopState:
         progress = self.progress
@@ -202,7 +212,7 @@ class CameraLoop:
             checkpoint=self._checkpoint,
         )
 
-    def _advance(self, evaluation: LossEvaluation, shown: torch.Tensor, iteration: int) -> None:
+    def _advance(self, evaluation: LossEvaluation, shown: Shown, iteration: int) -> None:
         """Keeps the best hologram and takes a step, or goes back to the best one if the loss has long not fallen."""
         progress, patterns = self.progress, self.variables.patterns
         if evaluation.loss < progress.best_loss or self.best is None:
@@ -212,38 +222,38 @@ class CameraLoop:
         else:
             progress = replace(progress, without_gain=progress.without_gain + 1)
         if progress.without_gain >= _PATIENCE:
-            patterns.go_back(torch.as_tensor(self.best.drive).to(shown), _SHORTER)
+            patterns.go_back(_tensors(self.best.drive, self._device), _SHORTER)  # type: ignore[arg-type]  # its own
             self.variables.amplitudes = np.array(self.best.system.amplitudes)
             progress = replace(progress, without_gain=-1)  # the best hologram is shown once more
         elif iteration < self.settings.iterations:
             self.variables.step(evaluation, iteration)
         self.progress = replace(progress, step_factor=patterns.step_factor)
 
-    def _evaluate(self, shown: torch.Tensor, iteration: int) -> LossEvaluation:
+    def _evaluate(self, shown: Shown, iteration: int) -> LossEvaluation:
         """The evaluation of an iteration; in the first and the last one, its amplitudes are solved for before."""
-        variables, path_m = self.variables, self._path_m(shown)
+        variables, evaluated = self.variables, self._evaluated(shown)
         request = variables.evaluation_request(iteration)
         if iteration in (0, self.settings.iterations) and request.optimal_amplitudes:
-            variables.amplitudes = self._solve_amplitudes(path_m)
-        evaluation = self.problem.evaluate(path_m, variables.amplitudes, request)
+            variables.amplitudes = self._solve_amplitudes(evaluated)
+        evaluation = self.problem.evaluate(evaluated, variables.amplitudes, request)
         gradient = evaluation.path_gradient
         if not math.isfinite(evaluation.loss) or (gradient is not None and not gradient.isfinite().all()):
             found = f"the loss became {evaluation.loss}, or its gradient isn't finite"
             raise UserError("camera in the loop", found, remedy="lower --step or check the target")
         return evaluation
 
-    def _solve_amplitudes(self, path_m: torch.Tensor) -> NDArray[np.float64]:
+    def _solve_amplitudes(self, evaluated: Any) -> NDArray[np.float64]:
         """The amplitudes that suit the pictures best."""
         request = EvaluationRequest(optimal_amplitudes=True)
-        solved = self.problem.evaluate(path_m, self.variables.amplitudes, request)
+        solved = self.problem.evaluate(evaluated, self.variables.amplitudes, request)
         assert solved.optimal_amplitudes is not None
         return solved.optimal_amplitudes
 
     # --- the bench --------------------------------------------------------------------------------------------------
 
-    def _record(self, shown: torch.Tensor) -> None:
+    def _record(self, shown: Shown) -> None:
         """Takes the pictures of a drive; the latest pictures are kept for updates of the model."""
-        levels = levels_of_drive(shown.cpu().numpy(), self.system)
+        levels = levels_of_drive(_arrays(shown), self.system)
         pictures = self.camera.record(levels, self.problem.shots)
         self.problem.set_pictures(pictures)
         self._latest = [picture.capture for picture in pictures]
@@ -271,9 +281,8 @@ class CameraLoop:
         first = [next(i for i, laser in enumerate(self.problem.lasers) if laser[1] == λ) for λ in range(wavelengths)]
         predicted = []
         for own in levels:
-            fractions = [m.levels[n] for m, n in zip(self.system.modulators, own, strict=True) if m.levels is not None]
-            drive = torch.tensor(np.array([fractions] * self.system.frames), dtype=torch.float32, device=self._device)
-            predicted.append(self.problem.predict(self._path_m(drive))[:, first])
+            drive = _tensors(drive_of_levels(own, self.system), self._device)
+            predicted.append(self.problem.predict(self._evaluated(drive))[:, first])
         left = iter(self._probes)
         nested = [[[next(left) for _ in range(probes)] for _ in range(wavelengths)] for _ in range(planes)]
         return calibrate_camera(self.rig, torch.stack(predicted, dim=2), self.problem.sample_pitch_m, nested)
@@ -290,24 +299,29 @@ class CameraLoop:
         updated = update_model(self.system, captures, updates, self._is_asked_to_end)
         self._notes.append(f"the model is updated: {updated.note}")
         self.system = updated.system
-        self.problem = CameraProblem(self.system, self._stack, self.settings, self.rig, self._device)
+        self.problem = self._make_problem()
         self._calibrate(from_pictures=True)
 
     # --- holograms and checkpoints ----------------------------------------------------------------------------------
 
-    def _path_m(self, drive: torch.Tensor) -> torch.Tensor:
-        return self.variables.patterns.optical_path_m(drive)
+    def _evaluated(self, shown: Shown) -> Any:
+        """What the problem evaluates: optical paths (m), of a chain the patterns by element."""
+        if isinstance(self.variables, OptimisationVariables):
+            assert isinstance(shown, torch.Tensor)
+            return self.variables.patterns.optical_path_m(shown)
+        return shown
 
-    def _hologram(self, shown: torch.Tensor) -> Hologram:
-        return Hologram(shown.cpu().numpy().copy(), self.system.edit({"amplitudes": self.variables.amplitudes}))
+    def _hologram(self, shown: Shown) -> Hologram:
+        return Hologram(_arrays(shown), self.system.edit({"amplitudes": self.variables.amplitudes}))
 
     def _checkpoint(self) -> LoopCheckpoint:
         assert self.best is not None and self.calibration is not None
-        best: dict[str, NDArray[np.floating]] = {
-            "best_drive": self.best.drive,
-            "best_amplitudes": np.array(self.best.system.amplitudes),
-            "best_wavelengths": np.array(self.best.system.wavelengths_m),
-        }
+        best: dict[str, NDArray[np.floating]] = {"best_amplitudes": np.array(self.best.system.amplitudes)}
+        if self.system.is_chain:
+            best |= {f"best_drive/{name}": drive for name, drive in self.best.drive.items()}
+        else:
+            wavelengths = np.array(self.best.system.wavelengths_m)
+            best |= {"best_drive": self.best.drive, "best_wavelengths": wavelengths}
         exposures = [self.camera.exposures_s.get(λ, 0.0) for λ in lasers_of(self.system, self.rig)]
         return LoopCheckpoint(
             begun=self.begun,
@@ -326,10 +340,40 @@ class CameraLoop:
         self.variables.load_state_dict(tensors)
         self.system, self.progress, self.calibration = resume.present, resume.progress, resume.calibration
         self.variables.patterns.step_factor = resume.progress.step_factor
-        best = self.system.edit({"amplitudes": tensors["best_amplitudes"]})
-        self.best = Hologram(tensors["best_drive"].astype(np.float32), best)
+        self.best = best_of(self.system, tensors)
         wavelengths = lasers_of(self.system, self.rig)
         self.camera.exposures_s |= {λ: float(s) for λ, s in zip(wavelengths, resume.exposures_s, strict=True) if s > 0}
+
+
+Shown = torch.Tensor | dict[str, torch.Tensor]
+"""Patterns (frame, modulator, y, x), of a chain (frame, y, x) by element."""
+
+
+def _variables(
+    system: System, settings: Settings, start: Drive | None, device: str
+) -> OptimisationVariables | ChainVariables:
+    """What is sought, from a start. Raises UserError for patterns that the bench doesn't show."""
+    if start is not None and not drive_fits(system, start):
+        found = {n: own.shape for n, own in start.items()} if isinstance(start, Mapping) else start.shape
+        expected = f"{system.drive_shapes if system.is_chain else system.drive_shape}"
+        raise UserError("--start", f"patterns of shape {found}", expected=expected)
+    if system.is_chain:
+        return ChainVariables(system, settings, start)  # type: ignore[arg-type]  # a mapping, as it fits
+    drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
+    return OptimisationVariables(system, settings, drive.to(device))
+
+
+def _tensors(drive: Drive, device: str) -> Shown:
+    if isinstance(drive, Mapping):
+        return {name: torch.as_tensor(own).to(device) for name, own in drive.items()}
+    return torch.as_tensor(drive).to(device)
+
+
+def _arrays(shown: Shown) -> Any:
+    """Copies of patterns as arrays."""
+    if isinstance(shown, dict):
+        return {name: own.detach().cpu().numpy().copy() for name, own in shown.items()}
+    return shown.cpu().numpy().copy()
 
 
 @dataclass(frozen=True)
@@ -388,7 +432,7 @@ class LoopCheckpoint:
             "correlation": self.calibration.correlation,
             "exposures": self.exposures_s,
         }
-        _FORMAT.write(path, self.tensors | own, texts)
+        _format_for(self.begun).write(path, self.tensors | own, texts)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """Raises UserError, which names the difference, unless the checkpoint is of this system, settings, target."""
@@ -397,7 +441,7 @@ class LoopCheckpoint:
 
 def load_loop_checkpoint(path: str | os.PathLike[str]) -> LoopCheckpoint:
     """Reads a checkpoint. Raises UserError when the file is missing, damaged, or something else."""
-    with _FORMAT.open(path) as file:
+    with _format_for(system_with_elements(path)).open(path) as file:
         begun, present = (preset.loads(file.texts[key], f"{path}: {key}") for key in ("system", "present"))
         settings = read_record(Settings, file.texts["settings"], f"{path}: settings", _FORMAT.what)
         progress = read_record(LoopProgress, file.texts["progress"], f"{path}: progress", _FORMAT.what)

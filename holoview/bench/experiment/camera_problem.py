@@ -40,7 +40,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.bench.captures.patterns import random_levels
 from holoview.bench.diagnose.starts.picture import measure_displacement
 from holoview.bench.experiment.bench_camera import PictureRequest, TakenPicture
 from holoview.bench.experiment.rig_bench import lasers_of
@@ -57,6 +56,7 @@ from holoview.holograms.optimise.objective import (
 from holoview.holograms.optimise.problem import EvaluationRequest, Floats, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import Settings
+from holoview.light.model.plan import Grid
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.light.numerics.subpixel_shift import interpolation_weights
@@ -89,6 +89,32 @@ class RecordedPlane:
     usable: Tensor
     view: CameraSampling
 
+    def image(self, weights: Tensor) -> Tensor:
+        """The image (channel, row, column) of all lasers. weights (laser, channel): of unit intensities."""
+        return torch.einsum("lc,lyx->cyx", weights, self.intensity)
+
+    def replace_by_slopes(self, objective: Objective, plane: int, image: Tensor) -> ResidualSums:
+        """Replaces an image by ∂L/∂image, with L as a mean over the pixels that count; returns its sums."""
+        image.copy_(torch.where(self.usable, image, objective.target[plane]))  # no residual where nothing is known
+        sums = objective.evaluate_rows(plane, slice(0, image.shape[1]), image)
+        share = float(self.usable.numel() / self.usable.sum())
+        image.mul_(self.usable).mul_(share)
+        return ResidualSums(sums.residual_norm * share**0.5, sums.error_norm * share**0.5)
+
+    def amplitude_ratio(self, predicted: Tensor) -> Tensor:
+        """√(measured/predicted intensity) (laser, y, x) at the samples; 1 where nothing is known.
+
+        predicted (laser, y, x): intensities of the model.
+        """
+        floor = _LEAST_INTENSITY * predicted.mean(dim=(1, 2), keepdim=True) + 1e-30
+        ratio = (self.intensity.clamp_min(0) + floor) / (self.view.picture(predicted) + floor)
+        ratio = torch.where(self.usable, ratio, 1.0)
+        if not self.view.is_identity:
+            weight = self.view.transposed(torch.ones_like(ratio[0]))
+            near = self.view.transposed(ratio) / weight.clamp_min(_LEAST_WEIGHT)
+            ratio = torch.where(weight > _LEAST_WEIGHT, near, 1.0)
+        return ratio.clamp_(0.0, _MAX_FACTOR**2).sqrt_()
+
 
 @dataclass(frozen=True)
 class RecordedEvaluation:
@@ -109,19 +135,16 @@ class RecordedEvaluation:
         """The result of a plane. fields (laser, source, y, x): E, replaced by c_E if a gradient is needed."""
         recorded, target = self.planes[plane], self.objective.target[plane]
         usable, intensity = recorded.usable, recorded.intensity
-        image = torch.einsum("lc,lyx->cyx", self.weights, intensity)
+        image = recorded.image(self.weights)
         if plane == self.pictured_plane:
             self.picture.copy_(image)
-        image = torch.where(usable, image, target)  # no residual where nothing is known
-        sums = self.objective.evaluate_rows(plane, slice(0, image.shape[1]), image)  # image is now ∂L/∂image
-        share = float(usable.numel() / usable.sum())
-        image.mul_(usable).mul_(share)  # the loss is the mean over pixels that count
-        sums = ResidualSums(sums.residual_norm * share**0.5, sums.error_norm * share**0.5)
+        sums = recorded.replace_by_slopes(self.objective, plane, image)
         products = None
         if self.request.path_gradient and self.request.needs_image_products:
             products = (image.flatten(1) @ intensity.flatten(1).T).double().cpu()
         if self.request.path_gradient:
-            _give_measured_amplitude(fields, recorded)
+            predicted = torch.view_as_real(fields).square().sum(-1).mean(dim=1)
+            fields.mul_(recorded.amplitude_ratio(predicted)[:, None])
             slopes = recorded.view.transposed(image)
             beam_weights = beam_weights_of(self.weights, fields.shape[1])
             TORCH_KERNELS.replace_by_adjoint(fields, beam_weights, slopes)
@@ -133,19 +156,6 @@ class RecordedEvaluation:
         return self.least_squares.normal_equations(intensity * usable, target * usable)
 
 
-def _give_measured_amplitude(fields: Tensor, recorded: RecordedPlane) -> None:
-    """Multiplies fields (laser, source, y, x) by √(measured/predicted intensity); by 1 where nothing is known."""
-    view = recorded.view
-    predicted = torch.view_as_real(fields).square().sum(-1).mean(dim=1)
-    floor = _LEAST_INTENSITY * predicted.mean(dim=(1, 2), keepdim=True) + 1e-30
-    ratio = (recorded.intensity.clamp_min(0) + floor) / (view.picture(predicted) + floor)
-    ratio = torch.where(recorded.usable, ratio, 1.0)
-    if not view.is_identity:
-        weight = view.transposed(torch.ones_like(ratio[0]))
-        ratio = torch.where(weight > _LEAST_WEIGHT, view.transposed(ratio) / weight.clamp_min(_LEAST_WEIGHT), 1.0)
-    fields.mul_(ratio.clamp_(0.0, _MAX_FACTOR**2).sqrt_()[:, None])
-
-
 def require_camera_settings(settings: Settings) -> None:
     """Raises UserError for settings that a camera behind a rig can't serve: free wavelengths, pupils."""
     if "wavelengths" in settings.free:
@@ -154,21 +164,23 @@ def require_camera_settings(settings: Settings) -> None:
         raise UserError("--pupils", "with --rig", expected="no pupils: the camera stands in the focal planes")
 
 
-class CameraProblem(Problem):
-    """A system, a target and a loss, evaluated at the intensities that a rig's camera measured.
+class RecordedPictures:
+    """What problems of every kind of bench do with the pictures of a rig.
 
-    Call `calibrate` first, and `set_pictures` before `evaluate`, with the pictures of the patterns that are evaluated.
-    Arguments as of `Problem`. Raises UserError as `require_camera_settings` does.
+    system, settings: of the problem. lasers: (frame, wavelength) of all that are on. grid: of the model's samples.
+    objective: on these; after `calibrate` on the camera's pixels.
     """
 
-    def __init__(
-        self, system: System, stack: NDArray[np.floating], settings: Settings, rig: RigDescription, device: str = "cpu"
-    ) -> None:
-        require_camera_settings(settings)
+    system: System
+    settings: Settings
+    lasers: list[tuple[int, int]]
+    objective: Objective
+    grid: Grid
+
+    def _begin(self, rig: RigDescription) -> None:
+        """To be called once `objective` is there."""
         self._rig, self._planes = rig, list[RecordedPlane]()
-        super().__init__(system, stack, settings, device)
-        self._sampled_objective = self.objective
-        self._views: list[CameraSampling] = []
+        self._sampled_objective, self._views = self.objective, list[CameraSampling]()
 
     @property
     def shots(self) -> list[PictureRequest]:
@@ -181,26 +193,13 @@ class CameraProblem(Problem):
     @property
     def sample_pitch_m(self) -> float:
         """Of the model's samples."""
-        return self.model.plan.grid.pitch_m
-
-    def predict(self, opd_m: Tensor) -> Tensor:
-        """Intensities (plane, laser, y, x) on the model's samples for optical paths (frame, modulator, y, x), m."""
-        result = self.objective.target.new_empty(
-            len(self.system.planes_m), len(self.lasers), *self.model.plan.grid.shape
-        )
-
-        def keep(plane: int, rows: slice, fields: Tensor) -> None:
-            result[plane, :, rows] = torch.view_as_real(fields).square().sum(-1).mean(dim=1)
-
-        self.model.forward(opd_m)
-        self.model.process_planes(range(len(result)), keep, carry_back=False)
-        return result.cpu()
+        return self.grid.pitch_m
 
     def calibrate(self, calibration: CameraCalibration) -> None:
         """Takes over scale and displacements. Raises UserError if the camera sees no sample that counts."""
         self._scale, sampled = calibration.scale, self._sampled_objective
         self._views = [
-            camera_sampling(self._rig, self.model.plan.grid.shape, self.sample_pitch_m, (float(y), float(x)))
+            camera_sampling(self._rig, self.grid.shape, self.sample_pitch_m, (float(y), float(x)))
             for y, x in calibration.shift_m
         ]
         target = torch.stack([view.picture(t) for view, t in zip(self._views, sampled.target, strict=True)])
@@ -209,7 +208,6 @@ class CameraProblem(Problem):
             raise UserError("camera", "sees nothing of the region", remedy="choose another --region or move the camera")
         weights = sampled.plane_weights
         self.objective = Objective(sampled.loss, sampled.wavelength_channels, target, weights, None)
-        self._middle_image = torch.empty_like(target[0])
 
     def set_pictures(self, pictures: Sequence[TakenPicture]) -> None:
         """Takes over the pictures of `shots`."""
@@ -224,6 +222,41 @@ class CameraProblem(Problem):
                 raise UserError("camera", "every pixel that counts is saturated", remedy="allow shorter exposures")
             target = self.objective.target
             self._planes.append(RecordedPlane(intensity.to(target), usable.to(target.device), view))
+
+
+class CameraProblem(RecordedPictures, Problem):
+    """A system, a target and a loss, evaluated at the intensities that a rig's camera measured.
+
+    Call `calibrate` first, and `set_pictures` before `evaluate`, with the pictures of the patterns that are evaluated.
+    Arguments as of `Problem`. Raises UserError as `require_camera_settings` does.
+    """
+
+    def __init__(
+        self, system: System, stack: NDArray[np.floating], settings: Settings, rig: RigDescription, device: str = "cpu"
+    ) -> None:
+        require_camera_settings(settings)
+        Problem.__init__(self, system, stack, settings, device)
+        self._begin(rig)
+
+    @property
+    def grid(self) -> Grid:  # type: ignore[override]  # that of the model
+        return self.model.plan.grid
+
+    def predict(self, opd_m: Tensor) -> Tensor:
+        """Intensities (plane, laser, y, x) on the model's samples for optical paths (frame, modulator, y, x), m."""
+        result = self.objective.target.new_empty(len(self.system.planes_m), len(self.lasers), *self.grid.shape)
+
+        def keep(plane: int, rows: slice, fields: Tensor) -> None:
+            result[plane, :, rows] = torch.view_as_real(fields).square().sum(-1).mean(dim=1)
+
+        self.model.forward(opd_m)
+        self.model.process_planes(range(len(result)), keep, carry_back=False)
+        return result.cpu()
+
+    def calibrate(self, calibration: CameraCalibration) -> None:
+        """As there."""
+        super().calibrate(calibration)
+        self._middle_image = torch.empty_like(self.objective.target[0])
 
     @property
     def _needs_whole_planes(self) -> bool:
@@ -346,13 +379,7 @@ class CameraCalibration:
 def probe_levels(rig: RigDescription, seed: int, sigmas_px: Sequence[float] = PROBE_SIGMAS_PX) -> NDArray[np.uint16]:
     """Grey levels (probe, modulator, y, x) of random patterns with these blurs, those of the probes by default."""
     rng = np.random.default_rng(seed)
-    return np.array(
-        [
-            [random_levels(rng, rig.slm_shape, slm.num_levels, sigma_px) for slm in rig.bench.slms]
-            for sigma_px in sigmas_px
-        ],
-        np.uint16,
-    )
+    return np.array([rig.random_levels(rng, sigma_px) for sigma_px in sigmas_px], np.uint16)
 
 
 def calibrate_camera(

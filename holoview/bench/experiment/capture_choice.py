@@ -42,7 +42,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.captures.patterns import BLUR_SIGMAS_PX, random_levels
+from holoview.bench.captures.patterns import BLUR_SIGMAS_PX
 from holoview.bench.captures.prepared_captures import BORDER_PX
 from holoview.bench.captures.records.trials import central_slices
 from holoview.bench.diagnose.likelihood import PredictorProtocol, Values
@@ -103,7 +103,7 @@ def starting_proposals(rig: RigDescription, seed: int) -> list[Proposal]:
     planes, lasers = planes_of(rig), rig.wavelengths_m
     places = ((min(lasers), planes[-1], 1.0), (max(lasers), planes[0], _LOW_POWER))
     return [
-        Proposal(λ, z, power * rig.limits.power, _blurred(rng, rig, sigma), _blur_words(rig, sigma))
+        Proposal(λ, z, power * rig.limits.power, rig.random_levels(rng, sigma), _blur_words(rig, sigma))
         for (λ, z, power), sigma in zip(places, _START_SIGMAS_PX, strict=True)
     ]
 
@@ -152,37 +152,38 @@ def _classes(rig: RigDescription) -> list[PatternClass]:
 
 
 def _blur_class(rig: RigDescription, sigma_px: float) -> PatternClass:
-    return lambda rng: (_blurred(rng, rig, sigma_px), _blur_words(rig, sigma_px))
+    return lambda rng: (rig.random_levels(rng, sigma_px), _blur_words(rig, sigma_px))
 
 
 def _one_flat_class(rig: RigDescription, flat: int, sigma_px: float) -> PatternClass:
     def draw(rng: np.random.Generator) -> tuple[Levels, str]:
-        levels = _blurred(rng, rig, sigma_px)
-        levels[flat] = rig.bench.slms[flat].num_levels // 2
-        return levels, f"{_noise(sigma_px)} on modulator {2 - flat}, the other flat"
+        levels, (rows, columns) = rig.random_levels(rng, sigma_px), rig.slm_shapes[flat]
+        levels[flat, :rows, :columns] = rig.bench.slms[flat].num_levels // 2
+        return levels, f"{_noise(sigma_px)} on {_others(rig, flat)}, {rig.slm_words[flat]} flat"
 
     return draw
 
 
 def _grating_class(rig: RigDescription, number: int) -> PatternClass:
     def draw(rng: np.random.Generator) -> tuple[Levels, str]:
-        levels = _blurred(rng, rig, 3.0)
+        levels, (rows, columns) = rig.random_levels(rng, 3.0), rig.slm_shapes[number]
         period, angle = int(rng.choice(_PERIODS_PX)), float(rng.uniform(0, np.pi))
-        y, x = np.indices(rig.slm_shape)
+        y, x = np.indices((rows, columns))
         wave = 0.5 + 0.5 * np.sin(2 * np.pi * (x * np.cos(angle) + y * np.sin(angle)) / period)
-        levels[number] = np.rint(wave * (rig.bench.slms[number].num_levels - 1))
-        beside = f", {_noise(3.0)} on the other" if len(levels) > 1 else ""
-        return levels, f"grating of {period} px on modulator {number + 1}{beside}"
+        levels[number, :rows, :columns] = np.rint(wave * (rig.bench.slms[number].num_levels - 1))
+        beside = f", {_noise(3.0)} on {_others(rig, number)}" if len(levels) > 1 else ""
+        return levels, f"grating of {period} px on {rig.slm_words[number]}{beside}"
 
     return draw
 
 
-def _blurred(rng: np.random.Generator, rig: RigDescription, sigma_px: float) -> NDArray[np.unsignedinteger]:
-    return np.stack([random_levels(rng, rig.slm_shape, slm.num_levels, sigma_px) for slm in rig.bench.slms])
+def _others(rig: RigDescription, number: int) -> str:
+    """The modulators in words but for one."""
+    return " and ".join(words for k, words in enumerate(rig.slm_words) if k != number)
 
 
 def _blur_words(rig: RigDescription, sigma_px: float) -> str:
-    return f"{_noise(sigma_px)} on {'both modulators' if len(rig.bench.slms) > 1 else 'the modulator'}"
+    return f"{_noise(sigma_px)} on {' and '.join(rig.slm_words)}"
 
 
 def _noise(sigma_px: float) -> str:
@@ -494,7 +495,11 @@ def _as_captures(taken: Captures, proposals: Sequence[Proposal]) -> Captures:
 
 
 class ShownPatterns(Effect):
-    """Patterns that gradients reach, in place of those that a capture's record says. patterns: (modulator, y, x)."""
+    """Patterns that gradients reach, in place of those that a capture's record says.
+
+    patterns: (modulator, y, x), smaller ones in the first rows and columns. elements: of a chain, the names of the
+    elements that show them, in order.
+    """
 
     id = "shown_patterns"
     cause = "Patterns are held by a tensor."
@@ -504,11 +509,12 @@ class ShownPatterns(Effect):
     order = -100
     listed = False
 
-    def __init__(self, patterns: Tensor) -> None:
-        self.patterns = patterns
+    def __init__(self, patterns: Tensor, elements: Sequence[str] = ()) -> None:
+        self.patterns, self.elements, self.on_all_elements = patterns, elements, bool(elements)  # type: ignore[misc]
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: ParameterValues) -> Tensor:
-        return self.patterns[context.number].to(share.dtype)
+        number = self.elements.index(context.element) if self.elements else context.number
+        return self.patterns[number, : share.shape[0], : share.shape[1]].to(share.dtype)
 
 
 def improve_pattern(
@@ -536,7 +542,8 @@ def improve_pattern(
 def _separation_slope(prediction: ProposalPrediction, belief: Belief, rival: Values, drive: Tensor) -> Tensor:
     """∂/∂drive of Σ (m₁ − a m₂)²/σ², leader and rival with the best gain a; (modulator, y, x)."""
     drive = drive.clone().requires_grad_(True)
-    shown, captures = ShownPatterns(drive), prediction.captures
+    captures = prediction.captures
+    shown = ShownPatterns(drive, () if captures.chain is None else captures.slm_names)
     predictor = belief.context.predictor.counted(captures=captures, extra_effects=[shown], cache_mb=1)
     weight = torch.from_numpy(prediction.weight[0]) * float(prediction.scale[0, 0, 0])
     index, on = np.array([0]), {ShownPatterns.id: {"on": 1.0}}

@@ -376,7 +376,6 @@ def diagnose_rig(
     on. options: of the diagnosis. Raises UserError for a wrong description, device or capture.
     """
     rig = read_rig(file)
-    rig.require_short_form("a diagnosis with the rig")
     known = known.with_placement(rig.registration)
     stated = known.added_to({})
     folder = None if save is None else loop_captures(save, read_text(file, "a rig"))

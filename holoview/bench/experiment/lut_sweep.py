@@ -1,5 +1,8 @@
 """Sweeps of a modulator's grey level on a rig: levels × periods × orders × wavelengths, read by its camera.
 
+A phase modulator shows gratings, whose orders tell the phase. An amplitude modulator shows one level everywhere, which
+multiplies all the light. The other modulators let the light through.
+
 SweepPlan       the sweeps that are to be taken
 SweepReadings   their readings, on the disk as a table that `calibrate.sweep` reads
 LutMeasurement  takes the missing ones; after any interruption the same call goes on
@@ -20,10 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.calibrate.sweep import LabelledSweep, format_readings, parse_sweeps
+from holoview.bench.captures.dataset import Camera
 from holoview.bench.experiment.grating_orders import GratingOrders, UnseenGrating, best_distance_m, find_orders
 from holoview.bench.rig.camera_pictures import CheckedCamera, range_share, take_dark_frame, take_exposed
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.devices import Counts, Devices, Levels
+from holoview.bench.rig.rays import way_to_camera
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import read_text
@@ -39,15 +44,17 @@ _DARK_PICTURES = 8
 _FIRST_EXPOSURE_S = 1e-2
 _TOO_BRIGHT = 0.98  # of the camera's range
 _SHORTER, _EXPOSURE_TRIES = 0.5, 6
+_AFTER_WHITE = 2  # times the settling time: the per cent of white that is left after one shows behind black
+_APART = 0.5  # of the distance between orders, that the modulator's own image may be wide where they are spots
 
 
 @dataclass(frozen=True)
 class SweepPlan:
     """The sweeps of one modulator.
 
-    modulator: 0 or 1. wavelengths_m: of the lasers. periods_px: of the gratings, even. levels: (n,) that are shown,
-    ascending from 0; told as 0, 1, 2, … where `is_through` (steps of a phase through a table). axis: along which the
-    bars follow each other, 0 for rows.
+    modulator: its number. wavelengths_m: of the lasers. periods_px: of the gratings, even; 0 for one level everywhere.
+    levels: (n,) that are shown, ascending from 0; told as 0, 1, 2, … where `is_through` (steps of a phase through a
+    table). axis: along which the bars follow each other, 0 for rows.
     """
 
     modulator: int
@@ -68,9 +75,9 @@ class SweepPlan:
         return len(self.wavelengths_m) * len(self.periods_px) * len(self.levels)
 
     def pattern(self, rig: RigDescription, period_px: int, level: int) -> Levels:
-        """The grating (y, x): bars at level 0, and bars at `level`."""
-        place = np.indices(rig.slm_shape)[self.axis]
-        varied = place % period_px >= period_px // 2
+        """The grating (y, x): bars at level 0, and bars at `level`; with a period of 0 the level everywhere."""
+        place = np.indices(rig.slm_shapes[self.modulator])[self.axis]
+        varied = place % period_px >= period_px // 2 if period_px else np.ones_like(place)
         return np.where(varied, level, 0).astype(rig.levels_type)
 
 
@@ -119,6 +126,11 @@ class SweepReadings:
             self.powers.setdefault(key or (wavelength_m, period_px, order), {}).update(powers)
         write_file(self.path, self.table())
 
+    def mean_over_lasers(self, order: str) -> dict[int, float]:
+        """The readings of an order by level, each the mean over all lasers."""
+        own = [powers for (_, _, name), powers in self.powers.items() if name == order]
+        return {level: float(np.mean([powers[level] for powers in own])) for level in own[0]}
+
     @property
     def count(self) -> int:
         """Pictures of gratings whose readings are there."""
@@ -147,6 +159,26 @@ def _same(one_m: float, other_m: float) -> bool:
     return abs(one_m - other_m) < 1e-12
 
 
+TRANSMITTED, DEVIATION = "transmission", "deviation"
+
+
+@dataclass(frozen=True)
+class UniformLight:
+    """The readings of a modulator that shows one level everywhere: a picture's light, and its standard deviation."""
+
+    camera: Camera
+    orders: tuple[str, ...] = (TRANSMITTED, DEVIATION)
+
+    def read(self, light: Floats) -> dict[str, float]:
+        """The reading of each order."""
+        variance = self.camera.noise_variance(light) + self.camera.dark_noise**2 / _DARK_PICTURES
+        return {TRANSMITTED: float(light.sum()), DEVIATION: float(variance.sum()) ** 0.5}
+
+    def reference(self, light: Floats) -> float:
+        """The light by which readings are divided."""
+        return float(light.sum())
+
+
 class LutMeasurement:
     """Takes sweeps. devices: open devices, which the caller closes. tell: called with news for a user."""
 
@@ -168,7 +200,8 @@ class LutMeasurement:
         refused: list[str] = []
         for number, (wavelength_m, period) in enumerate((λ, p) for λ in plan.wavelengths_m for p in plan.periods_px):
             missing = readings.missing(wavelength_m, period, plan.told_levels.tolist())
-            done, name = number * len(plan.levels), f"{format_rounded(wavelength_m, 'nm')}, period {period}"
+            done, name = number * len(plan.levels), format_rounded(wavelength_m, "nm")
+            name += f", period {period}" if period else ""
             if not missing:
                 continue
             self._devices.lasers.switch_on(wavelength_m, self._power)
@@ -222,25 +255,23 @@ class LutMeasurement:
         """An exposure at which no probed level is too bright, and where the orders are."""
         bench, exposures_s, lights = self._rig.bench, [_FIRST_EXPOSURE_S], list[Floats]()
         length_m = period * bench.slms[plan.modulator].pitch_m
-        self._devices.stage.move_to(self._place_m(plan.modulator, length_m, wavelength_m))
+        way = way_to_camera(self._rig, plan.modulator, wavelength_m)
+        place_m = way.stage_m(best_distance_m(length_m, wavelength_m), self._rig.limits.stage_m)
+        self._devices.stage.move_to(place_m)
         for level in plan.levels[np.linspace(0, len(plan.levels) - 1, _PROBES).round().astype(int)].tolist():
             self._show(plan, period, level)
             picture, exposure_s = take_exposed(self._camera, bench.camera, exposures_s[-1], self._brightest)
             exposures_s.append(exposure_s)
             lights.append((picture.astype(np.float64) - bench.camera.black_level) / exposure_s)
         exposure_s = self._camera.set_exposure(min(exposures_s[1:]))
-        if bench.focal_length_m is not None:
-            distance_px = bench.focal_length_m * wavelength_m / length_m / bench.camera.pitch_m
-            return exposure_s, find_orders(lights, None, distance_px)
-        return exposure_s, find_orders(lights, bench.camera.pitch_m / length_m, None)
-
-    def _place_m(self, modulator: int, length_m: float, wavelength_m: float) -> float:
-        """Where the stage shows a grating of this period best: on a Fourier bench near the focus."""
-        bench, (near, far) = self._rig.bench, self._rig.limits.stage_m
-        if bench.focal_length_m is not None:
-            return min(max(near, 0.0), far)
-        before_m = (bench.gap_m or 0.0) if modulator + 1 < len(bench.slms) else 0.0
-        return min(max(best_distance_m(length_m, wavelength_m) - before_m, near), far)
+        if not period:
+            return exposure_s, UniformLight(bench.camera)
+        a, b = way.matrix(place_m)
+        width_m = max(self._rig.slm_shapes[plan.modulator]) * bench.slms[plan.modulator].pitch_m
+        apart_m = abs(b) * wavelength_m / length_m  # of neighbouring orders
+        if abs(a) * width_m < _APART * apart_m:  # in a Fourier plane, or near to it
+            return exposure_s, find_orders(lights, None, apart_m / bench.camera.pitch_m)
+        return exposure_s, find_orders(lights, bench.camera.pitch_m / (abs(a) * length_m), None)
 
     @property
     def _brightest(self) -> float:
@@ -248,19 +279,20 @@ class LutMeasurement:
         return 1 - 2 / float(np.prod(self._camera.shape))
 
     def _show(self, plan: SweepPlan, period: int, level: int) -> None:
-        flat = np.zeros(self._rig.slm_shape, self._rig.levels_type)
-        levels = [flat] * len(self._devices.modulators)
+        levels = self._rig.clear_levels
         levels[plan.modulator] = plan.pattern(self._rig, period, level)
         self._devices.show(levels)
-        self._devices.clock.wait(self._settle_s)
+        self._devices.clock.wait(self._settle_s if period else _AFTER_WHITE * self._settle_s)
 
     def _picture(self, plan: SweepPlan, period: int, level: int) -> Counts:
         self._show(plan, period, level)
         return self._camera.take()
 
     def _reference(self, plan: SweepPlan, orders: GratingOrders, dark: Floats) -> float:
-        """The light of unpatterned modulators."""
-        return orders.reference(self._picture(plan, plan.periods_px[0], 0) - dark)
+        """The light of unpatterned modulators, and of those of amplitude at their last level."""
+        period = plan.periods_px[0]
+        level = 0 if period else self._rig.bench.slms[plan.modulator].num_levels - 1
+        return orders.reference(self._picture(plan, period, level) - dark)
 
     def _dark(self, plan: SweepPlan, wavelength_m: float, exposure_s: float) -> Floats:
         """Counts without the lasers."""

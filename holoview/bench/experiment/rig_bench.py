@@ -22,6 +22,7 @@ from holoview.bench.rig.capture_plan import default_distances
 from holoview.bench.rig.description import RigDescription, read_rig
 from holoview.bench.rig.registration import Registration
 from holoview.light.model.bench_parts import Source
+from holoview.light.model.fields import to_mapping
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -29,6 +30,7 @@ from holoview.util.errors import UserError
 _SAME = 1e-6  # relative; the rounding of a value written to a file
 _EYE_M = (390e-9, 830e-9)
 _WHITE_LASERS = 3  # fewer can't be balanced to white
+_OF_OPTIMISER = ("shared", "held", "step", "name")  # keys of elements that say nothing of the bench
 
 
 def system_of_rig(rig: RigDescription) -> System:
@@ -66,12 +68,20 @@ def on_rig(system: System, rig: RigDescription) -> System:
     if not (system.amplitudes > 0).any(axis=0).all():
         remedy = "leave it out of wavelengths"
         raise UserError("amplitudes", "a laser is off in every frame", expected="each on in some frame", remedy=remedy)
+    place = "elements.{}.levels" if system.is_chain else "modulators.{}.levels"
     levels = {
-        f"modulators.{i}.levels": slm.num_levels
-        for i, (slm, modulator) in enumerate(zip(rig.bench.slms, system.modulators, strict=True))
+        place.format(key): slm.num_levels
+        for slm, (key, modulator) in zip(rig.bench.slms, shown_by(system).items(), strict=True)
         if modulator.levels is None
     }
     return system.edit(levels) if levels else system
+
+
+def shown_by(system: System) -> dict[Any, Any]:
+    """What shows levels: modulators by their number from 0, elements of a chain by their name."""
+    if not system.is_chain:
+        return dict(enumerate(system.modulators))
+    return {name: system.elements[system.part(name)] for name in system.drive_shapes}
 
 
 def lasers_of(system: System, rig: RigDescription) -> list[float]:
@@ -79,19 +89,37 @@ def lasers_of(system: System, rig: RigDescription) -> list[float]:
     return [_laser(float(λ), rig) for λ in system.wavelengths_m]
 
 
-def levels_of_drive(drive: NDArray[np.float32], system: System) -> NDArray[np.uint16]:
-    """The grey levels (frame, modulator, y, x) nearest to stroke fractions of that shape."""
-    result = np.empty(drive.shape, np.uint16)
-    for i, modulator in enumerate(system.modulators):
-        assert modulator.levels is not None
+def levels_of_drive(drive: Any, system: System) -> NDArray[np.uint16]:
+    """The grey levels (frame, modulator, y, x) nearest to a drive; smaller patterns in the first rows and columns.
+
+    drive: (frame, modulator, y, x), of a chain (frame, y, x) by element, where one frame may be all.
+    """
+    shapes = system.drive_shapes.values()
+    size = (system.frames, len(shapes), *(max(shape[axis] for shape in shapes) for axis in (1, 2)))
+    result = np.zeros(size, np.uint16)
+    for i, (key, modulator) in enumerate(shown_by(system).items()):
+        own = drive[key] if system.is_chain else drive[:, i]
         middles = (modulator.levels[1:] + modulator.levels[:-1]) / 2
-        result[:, i] = np.searchsorted(middles, drive[:, i])
+        result[:, i, : own.shape[1], : own.shape[2]] = np.searchsorted(middles, own)
     return result
+
+
+def drive_of_levels(levels: NDArray[np.unsignedinteger], system: System) -> Any:
+    """The drive of every frame for grey levels (modulator, y, x): that of which `levels_of_drive` gives these."""
+    drives = {}
+    for name, shape, own, modulator in zip(
+        system.drive_shapes, system.drive_shapes.values(), levels, shown_by(system).values(), strict=True
+    ):
+        shown = modulator.levels[own[: shape[1], : shape[2]]].astype(np.float32)
+        drives[name] = np.broadcast_to(shown, shape).copy()
+    return drives if system.is_chain else np.stack(list(drives.values()), axis=1)
 
 
 def _differences(system: System, rig: RigDescription) -> list[tuple[str, str, str]]:
     """Key, value of the system, value of the rig, of all that differs."""
     bench, found = rig.bench, []
+    if bench.chain is not None or system.is_chain:
+        return _chain_differences(system, rig)
     if len(system.modulators) != len(bench.slms):
         return [("modulators", f"{len(system.modulators)} of them", f"{len(bench.slms)}")]
     for i, (slm, modulator) in enumerate(zip(bench.slms, system.modulators, strict=True)):
@@ -109,6 +137,23 @@ def _differences(system: System, rig: RigDescription) -> list[tuple[str, str, st
     for key, own_relay, relay in (("relay1", system.relay1, bench.relay1), ("relay2", system.relay2, bench.relay2)):
         if stated_keys(own_relay) != stated_keys(relay):
             found.append((key, _described(stated_keys(own_relay)), _described(stated_keys(relay))))
+    return found
+
+
+def _chain_differences(system: System, rig: RigDescription) -> list[tuple[str, str, str]]:
+    """As `_differences`, where one of them is a chain; how an optimiser moves patterns is no difference."""
+    chain = rig.bench.chain
+    if chain is None or system.element_names != chain.element_names:
+        names = rig.slm_words if chain is None else chain.element_names
+        return [("elements", ", ".join(system.element_names), ", ".join(names))]
+    found = []
+    for name, own, other in zip(system.element_names, system.elements, chain.elements, strict=True):
+        ours, theirs = ({"kind": e.kind, **to_mapping(e)} for e in (own, other))
+        for key in sorted({*ours, *theirs} - {*_OF_OPTIMISER, *(() if ours.get("levels") else ("levels",))}):
+            if ours.get(key) != theirs.get(key):
+                found.append((f"elements.{name}.{key}", f"{ours.get(key)}", f"{theirs.get(key)}"))
+    if system.planes_from != chain.planes_from:
+        found.append(("planes_from", f'"{system.planes_from}"', f'"{chain.planes_from}"'))
     return found
 
 

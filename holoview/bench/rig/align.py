@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,10 @@ from holoview.bench.rig.dots import (
     optics_of,
     predicted_px,
     single_lens,
+    sought_of_second,
 )
 from holoview.bench.rig.measurement import Measurement
+from holoview.bench.rig.rays import mask_in_the_light, way_to_camera
 from holoview.bench.rig.registration import Registration, UncertainValue
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -99,18 +101,42 @@ def find_geometry(
 
     rig: as described, without a registration. devices: its open devices. Raises DeviceError where dots aren't seen.
     """
-    total = len(rig.bench.slms) * (SINGLE_DOTS + (1 + COUNT) * 4 * (1 + _is_fourier(rig)))
+    require_dots(rig)
+    total = len(rig.dotted) * (SINGLE_DOTS + (1 + COUNT) * 4 * (1 + _is_fourier(rig)))
     return _Alignment(rig, devices, PictureTaker(rig, devices, total, progress)).run()
+
+
+def require_dots(rig: RigDescription) -> None:
+    """Raises UserError for a chain whose modulators make no dots that tell where they are."""
+    if rig.bench.chain is None:
+        return
+    names, where = [rig.modulator_names[number] for number in rig.dotted], f"{rig.path}: chain"
+    remedy = "`holoview diagnose` finds what is out of place from captures"
+    if mask := mask_in_the_light(rig):
+        raise UserError(where, mask, expected="dots that no speckle hides", remedy=remedy)
+    if len(names) > 2:
+        raise UserError(where, f"{', '.join(names)} make dots", expected="at most two modulators", remedy=remedy)
+    found = [optics_of(rig, number, laser_for_alignment(rig)) for number in rig.dotted]
+    if len({own.focal_length_m is None for own in found}) > 1:
+        text = f"{' and '.join(names)} before and behind a Fourier element"
+        raise UserError(where, text, expected="modulators that the camera sees alike", remedy=remedy)
+    for name, own in zip(names, found, strict=True):
+        if min(own.shape) < FEWEST_PX * DOTS_ACROSS:
+            least = FEWEST_PX * DOTS_ACROSS
+            raise UserError(where, f"{name} of {min(own.shape)} pixels", expected=f"{least} or more", remedy=remedy)
+        if own.way.has_lens:
+            raise UserError(where, f"a lens behind {name}", expected="spaces and Fourier elements", remedy=remedy)
 
 
 def laser_for_alignment(rig: RigDescription) -> float:
     """The longest wavelength of which the modulators reach a whole wave; the shortest one where there is none."""
-    stroke = min(slm.opd_range_m for slm in rig.bench.slms if slm.opd_range_m or rig.bench.chain is None)
+    strokes = (slm.opd_range_m for slm in rig.bench.slms if slm.opd_range_m or rig.bench.chain is None)
+    stroke = min(strokes, default=math.inf)
     return max((λ for λ in rig.wavelengths_m if λ <= stroke), default=rig.wavelengths_m[0])
 
 
 def _is_fourier(rig: RigDescription) -> bool:
-    return rig.bench.focal_length_m is not None
+    return way_to_camera(rig, rig.dotted[0], rig.wavelengths_m[0]).focal_length_m is not None
 
 
 class _Alignment:
@@ -118,13 +144,15 @@ class _Alignment:
         self._rig, self._pictures = rig, pictures
         self._raw_shape = devices.camera.shape
         self._λ = laser_for_alignment(rig)
-        self._optics = [optics_of(rig, k, self._λ) for k in range(len(rig.bench.slms))]
-        self._facts = BenchFacts(self._λ, rig.bench.focal_length_m, len(self._optics))
+        self._optics = [optics_of(rig, number, self._λ) for number in rig.dotted]
+        self._words = [rig.slm_words[number] for number in rig.dotted]
+        ways = tuple(optics.way for optics in self._optics)
+        self._facts = BenchFacts(self._λ, ways, second=sought_of_second(rig))
         self._camera_width_m = min(self._raw_shape) * rig.bench.camera.pitch_m
 
     def run(self) -> FoundGeometry:
         settings = stage_settings(self._rig, self._optics[-1])
-        first = settings[len(settings) // 2] if self._facts.focal_length_m else settings[-1]  # where dots are brightest
+        first = settings[len(settings) // 2] if _is_fourier(self._rig) else settings[-1]  # where dots are brightest
         self._pictures.light(self._λ)
         values = self._rough_values(first)
         values = self._fitted(values, self._shots_at(first, values), rounds=1).values
@@ -172,16 +200,16 @@ class _Alignment:
         v |= {"centre_y": centre[0], "centre_x": centre[1], "log_pitch": float(np.log(first.pitch_m))}
         if len(self._optics) == 2:
             second = self._find_roughly(1, setting)
-            self._facts = BenchFacts(self._λ, None, 2, second.turn)
+            self._facts = replace(self._facts, slm2_turn=second.turn)
             shift = (second.centre_px - centre) * first.pitch_m
-            v |= {"shift2_y": shift[0], "shift2_x": shift[1], "gap": self._rig.bench.gap_m or 0.0}
+            v |= {"shift2_y": shift[0], "shift2_x": shift[1], "gap": self._facts.ways[0].gap_m}
         return np.array([v[name] for name in NAMES])
 
     def _find_roughly(self, number: int, setting: float) -> RoughPlace:
         return find_roughly(
             self._optics[number],
-            number + 1,
-            setting + self._gap_behind(number),
+            self._words[number],
+            setting,
             self._camera_width_m,
             lambda levels, note: self._pictures.take(self._patterns(number, levels), note),
         )
@@ -193,20 +221,20 @@ class _Alignment:
         z = geometry["offset"] + (1 + geometry["scale"]) * setting
         found = []
         for number, optics in enumerate(self._optics):
-            distance = z + (geometry["gap"] if number + 1 < len(self._optics) else 0.0)
-            own = [self._shot(number, setting, p, values) for p in self._probes(optics, distance)]
+            own = [self._shot(number, setting, p, values) for p in self._probes(optics, z, geometry["gap"])]
             if sum(int(np.isfinite(d.position_px).all(axis=1).sum()) for d in own) < _FEWEST_DOTS:
                 raise DeviceError(
                     "camera",
-                    f"sees too few dots of modulator {number + 1} with the stage at {setting * 1e3:.4g} mm",
+                    f"sees too few dots of {self._words[number]} with the stage at {setting * 1e3:.4g} mm",
                     remedy="look whether the camera sees the whole modulator there",
                 )
             found += own
         return found
 
-    def _probes(self, optics: Optics, distance_m: float) -> list[Probes]:
+    def _probes(self, optics: Optics, distance_m: float, gap_m: float) -> list[Probes]:
         if optics.focal_length_m is None:
-            return [lens_array(optics, distance_m, (y * optics.carrier, x * optics.carrier)) for y, x in _CARRIERS]
+            seen_m = optics.seen_m(distance_m, gap_m)
+            return [lens_array(optics, seen_m, (y * optics.carrier, x * optics.carrier)) for y, x in _CARRIERS]
         ν = fourier_carrier(optics, self._camera_width_m)
         whole = [grating(optics, (y * ν, x * ν)) for y, x in _DIAGONALS]
         return whole + [
@@ -215,22 +243,21 @@ class _Alignment:
 
     def _shot(self, number: int, setting: float, probes: Probes, values: Floats) -> DotPicture:
         """Shows one pattern and finds its dots."""
-        picture = self._pictures.take(self._patterns(number, probes.levels), f"dots of modulator {number + 1}")
+        picture = self._pictures.take(self._patterns(number, probes.levels), f"dots of {self._words[number]}")
         facts, pitch = self._facts, float(np.exp(values[NAMES.index("log_pitch")]))
         expected = predicted_px(values, facts, number, setting, probes.centre_m, probes.frequency)
-        apart = probes.spacing_m
-        if facts.focal_length_m is not None:
-            apart = float(np.hypot(*probes.frequency[0])) * facts.wavelength_m * facts.focal_length_m
+        apart, focal_length_m = probes.spacing_m, self._optics[number].focal_length_m
+        if focal_length_m is not None:
+            apart = float(np.hypot(*probes.frequency[0])) * facts.wavelength_m * abs(focal_length_m)
         found = find_dots(picture, expected, probes.width_m / pitch, _REACH * apart / pitch)
         position = np.where((found.contrast >= _LEAST_CONTRAST)[:, None], found.position_px, np.nan)
         return DotPicture(number, setting, probes, position, probes.width_m / pitch, _REACH * apart / pitch)
 
     def _patterns(self, number: int, levels: Levels) -> list[Levels]:
-        """Patterns in which one modulator shows these levels, and the other modulator stays flat."""
-        return [levels if k == number else flat_levels(optics) for k, optics in enumerate(self._optics)]
-
-    def _gap_behind(self, number: int) -> float:
-        return (self._rig.bench.gap_m or 0.0) if number + 1 < len(self._optics) else 0.0
+        """Patterns in which one modulator shows these levels, and the others let all light through."""
+        patterns = self._rig.clear_levels
+        patterns[self._rig.dotted[number]] = levels
+        return patterns
 
 
 _FIRST_EXPOSURE_S = 1e-2
@@ -293,34 +320,33 @@ class RoughPlace:
     centre_px: Floats
 
 
-def find_roughly(
-    optics: Optics, number: int, distance_m: float, camera_width_m: float, take: TakePicture
-) -> RoughPlace:
-    """Shows dots one by one on one modulator. take: the picture of its pattern, the other modulator being flat.
+def find_roughly(optics: Optics, words: str, distance_m: float, camera_width_m: float, take: TakePicture) -> RoughPlace:
+    """Shows dots one by one on one modulator. take: the picture of its pattern, the other modulators being flat.
 
-    number: 1 or 2, for messages. distance_m: from it to the camera, nominally. camera_width_m: of the shorter side.
+    words: for it, in messages. distance_m: of the camera, nominally. camera_width_m: of the shorter side.
     Raises DeviceError where the dots aren't seen, or not where any place of the camera could have them.
     """
-    dark = take(flat_levels(optics), f"modulator {number} flat")
+    dark = take(flat_levels(optics), f"{words} flat")
     probes = _single_dots(optics, distance_m, camera_width_m)
     width_px = probes[0].width_m / (camera_width_m / min(dark.shape))
-    found = [brightest_dot(take(p.levels, f"dot on modulator {number}") - dark, width_px) for p in probes]
+    found = [brightest_dot(take(p.levels, f"dot on {words}") - dark, width_px) for p in probes]
     seen = [k for k, (_, contrast) in enumerate(found) if contrast >= _LEAST_CONTRAST]
     if len(seen) < len(probes) - 1:
         raise DeviceError(
             "camera",
-            f"sees {len(seen)} of the {len(probes)} dots that modulator {number} showed",
+            f"sees {len(seen)} of the {len(probes)} dots that {words} showed",
             remedy="look whether the laser's light reaches the camera, whether the camera sees the whole modulator, "
-            f"and whether slm{number}, [lasers] and [geometry] of rig.toml are as on the bench",
+            "and whether the modulator's table, [lasers] and [geometry] of rig.toml are as on the bench",
         )
-    shown = np.concatenate([_nominal_point(p, optics) for p in probes])[seen]
-    return _place(shown, np.array([found[k][0] for k in seen]), number)
+    shown = np.concatenate([_nominal_point(p, optics, distance_m) for p in probes])[seen]
+    return _place(shown, np.array([found[k][0] for k in seen]), words)
 
 
 def _single_dots(optics: Optics, distance_m: float, camera_width_m: float) -> list[Probes]:
     if optics.focal_length_m is None:
         extent = np.array(optics.shape) * optics.slm.pitch_m
-        return [single_lens(optics, (y * extent[0], x * extent[1]), distance_m) for y, x in _PLACES]
+        seen_m = optics.seen_m(distance_m)
+        return [single_lens(optics, (y * extent[0], x * extent[1]), seen_m) for y, x in _PLACES]
     reach = fourier_carrier(optics, camera_width_m) / max(abs(share) for place in _PLACES[:-1] for share in place)
     places = [*_PLACES[:-1], (0.0, 0.25)]
     return [grating(optics, (y * reach, x * reach)) for y, x in places]
@@ -329,18 +355,18 @@ def _single_dots(optics: Optics, distance_m: float, camera_width_m: float) -> li
 def fourier_carrier(optics: Optics, camera_width_m: float) -> float:
     """Spatial frequency (1/m) whose dot lies well on the camera of a Fourier bench."""
     assert optics.focal_length_m is not None
-    on_camera = _FOURIER_REACH * camera_width_m / (optics.wavelength_m * optics.focal_length_m)
+    on_camera = _FOURIER_REACH * camera_width_m / (optics.wavelength_m * abs(optics.focal_length_m))
     return min(optics.carrier, on_camera)
 
 
-def _nominal_point(probes: Probes, optics: Optics) -> Floats:
+def _nominal_point(probes: Probes, optics: Optics, distance_m: float) -> Floats:
     """Where the dots of a probe without a carrier, or on a Fourier bench, lie nominally (dot, 2), m."""
     if optics.focal_length_m is None:
-        return probes.centre_m
+        return optics.way.matrix(distance_m)[0] * (probes.centre_m + np.array(optics.way.offset_m))
     return optics.focal_length_m * optics.wavelength_m * probes.frequency
 
 
-def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
+def _place(shown_m: Floats, seen_px: Floats, words: str) -> RoughPlace:
     """Turn, scale and shift from shown to seen places (dot, 2), without the worst dot if that helps."""
     best: tuple[float, Floats] | None = None
     for left_out in [None, *range(len(shown_m))] if len(shown_m) > 4 else [None]:
@@ -359,7 +385,7 @@ def _place(shown_m: Floats, seen_px: Floats, number: int) -> RoughPlace:
     if scale <= 0 or misfit > _LARGEST_MISFIT * extent or skew > 2 * _LARGEST_MISFIT * scale:
         raise DeviceError(
             "camera",
-            f"sees the dots of modulator {number} where no mirrored, turned or shifted picture of them has them",
+            f"sees the dots of {words} where no mirrored, turned or shifted picture of them has them",
             remedy="look for reflections and for other light, and whether the camera sees the whole modulator",
         )
     return RoughPlace(turn, 1 / scale, solution[2])
@@ -386,13 +412,16 @@ def stage_settings(rig: RigDescription, optics: Optics) -> list[float]:
     low, high = rig.limits.stage_m
     if optics.focal_length_m is not None:
         extent = min(optics.shape) * optics.slm.pitch_m
-        reach = _DEPTHS_OF_FOCUS * optics.wavelength_m * (optics.focal_length_m / extent) ** 2
-        near, far = float(np.clip(-reach, low, high)), float(np.clip(reach, low, high))
+        reach, focus = (
+            _DEPTHS_OF_FOCUS * optics.wavelength_m * (optics.focal_length_m / extent) ** 2,
+            optics.way.focus_m,
+        )
+        near, far = float(np.clip(focus - reach, low, high)), float(np.clip(focus + reach, low, high))
     else:
-        slope = optics.sine
-        far = float(np.clip(min(optics.shape) / DOTS_ACROSS * optics.slm.pitch_m / slope, low, high))
-        near = max(low, _NEAREST * far)
-        least = FEWEST_PX * optics.slm.pitch_m / (2 * slope)
+        slope, before = optics.sine, optics.seen_m(0.0)
+        far = float(np.clip(min(optics.shape) / DOTS_ACROSS * optics.slm.pitch_m / slope - before, low, high))
+        near = max(low, _NEAREST * (far + before) - before)
+        least = FEWEST_PX * optics.slm.pitch_m / (2 * slope) - before
         if far < least:
             found, expected = (units.format_rounded(z, "mm", 3) for z in (far, least))
             raise UserError(
@@ -428,8 +457,11 @@ def registration_of(rig: RigDescription, found: FoundGeometry) -> Registration:
     for axis, name in enumerate("yx"):
         centre = g[f"centre_{name}"]
         wanted = found.picture_shape[axis]
-        if rig.bench.focal_length_m is None:
-            wanted = round(rig.slm_shape[axis] * rig.bench.slms[0].pitch_m / pitch)
+        if not _is_fourier(rig):
+            chain = rig.bench.chain
+            width_m = rig.slm_shape[axis] * rig.bench.slms[0].pitch_m
+            width_m = width_m if chain is None else chain.way.shape[axis] * chain.way.sample_m
+            wanted = round(width_m / pitch)
         begin, count = _crop(centre + g[f"walk_{name}"] * middle_m / pitch, found.picture_shape[axis], wanted)
         first.append(begin)
         shape.append(count)
@@ -442,9 +474,11 @@ def registration_of(rig: RigDescription, found: FoundGeometry) -> Registration:
         "stage_offset": offset,
         "stage_scale": scale,
     }
-    if found.slm2_turn is not None:
-        values |= {name: _measured(g, own) for name, own in _SECOND.items()}
-        values["gap_error"] = UncertainValue(g["gap"] - (rig.bench.gap_m or 0.0), g.uncertainty("gap"))
+    sought = sought_of_second(rig)
+    values |= {name: _measured(g, own) for name, own in _SECOND.items() if own in sought}
+    if "gap" in sought:
+        nominal_m = way_to_camera(rig, rig.dotted[0], found.wavelength_m).gap_m
+        values["gap_error"] = UncertainValue(g["gap"] - nominal_m, g.uncertainty("gap"))
     return Registration(
         found.camera_turn,
         found.slm2_turn,
@@ -453,6 +487,7 @@ def registration_of(rig: RigDescription, found: FoundGeometry) -> Registration:
         rig.slm_shape,
         rig.camera_shape,
         values,
+        rig.aligned_elements,
     )
 
 
@@ -493,11 +528,11 @@ def misfit_warning(found: FoundGeometry) -> str | None:
 def sentences(registration: Registration) -> list[str]:
     """A registration in sentences."""
     p, second = registration, registration.slm2_turn
-    row, column = p.first
+    (row, column), (one, other) = p.first, p.words
     result = [
         f"The camera's picture is {_turned(p.camera_turn)}.",
         f"Turned back, rows {row} … {row + p.shape[0] - 1} and columns {column} … {column + p.shape[1] - 1} of it are "
-        f"centred on modulator 1, up to {_pm(p, 'shift_y', 'um')} (y) and {_pm(p, 'shift_x', 'um')} (x).",
+        f"centred on {one}, up to {_pm(p, 'shift_y', 'um')} (y) and {_pm(p, 'shift_x', 'um')} (x).",
         f"A pixel of the camera is {_pm(p, 'pitch', 'um')} wide in the modulator's plane; the picture is turned by "
         f"{_pm(p, 'rotation', 'mrad')}.",
         f"Where the stage says 0, the camera is {_pm(p, 'stage_offset', 'mm')} behind the last modulator, and it moves "
@@ -505,13 +540,16 @@ def sentences(registration: Registration) -> list[str]:
         f"Its rail is {_pm(p, 'walk_y', 'mrad')} (y) and {_pm(p, 'walk_x', 'mrad')} (x) from the axis.",
     ]
     if second is not None:
-        result += [
-            f"What modulator 2 displays is {_turned(second)}, against modulator 1.",
+        moved = (
             f"It is shifted by {_pm(p, 'slm2_shift_y', 'um')} (y) and {_pm(p, 'slm2_shift_x', 'um')} (x), turned by "
-            f"{_pm(p, 'slm2_rotation', 'mrad')} and magnified by {100 * p['slm2_magnification']:.3g} ± "
-            f"{100 * p.values['slm2_magnification'].uncertainty:.1g} %.",
-            f"The gap between the modulators is {_pm(p, 'gap_error', 'mm')} longer than stated.",
-        ]
+        )
+        moved += _pm(p, "slm2_rotation", "mrad")
+        if "slm2_magnification" in p.values:
+            size = p.values["slm2_magnification"]
+            moved += f" and magnified by {100 * size.value:.3g} ± {100 * size.uncertainty:.1g} %"
+        result += [f"What {other} displays is {_turned(second)}, against {one}.", f"{moved}."]
+        if "gap_error" in p.values:
+            result.append(f"The gap between the modulators is {_pm(p, 'gap_error', 'mm')} longer than stated.")
     return result
 
 

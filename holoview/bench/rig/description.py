@@ -67,7 +67,7 @@ from holoview.bench.captures.validation import check_settings
 from holoview.bench.rig.devices import Counts, Levels, SafetyLimits
 from holoview.bench.rig.registration import Registration, read_registration, registration_path
 from holoview.light.model import preset
-from holoview.light.model.elements import AmplitudeModulator
+from holoview.light.model.elements import AmplitudeModulator, Space
 from holoview.light.model.fields import Array, Integer, Number
 from holoview.light.model.system import System
 from holoview.util import units
@@ -199,7 +199,8 @@ class RigDescription:
         for name, found, own in (
             ("slm_shape", registration.slm_shape, described.slm_shape),
             ("camera_shape", registration.camera_shape, described.camera_shape),
-            ("modulators", 1 if registration.slm2_turn is None else 2, len(described.bench.slms)),
+            ("modulators", 1 if registration.slm2_turn is None else 2, len(described.dotted)),
+            ("elements", registration.elements, described.aligned_elements),
         ):
             if found != own:
                 where, remedy = f"{registration_path(self.path)}: found_for.{name}", "run `holoview rig align` again"
@@ -221,18 +222,40 @@ class RigDescription:
         least = 0.0 if self.bench.focal_length_m is None else low
         return max(low, least), max(high, least)
 
-    def require_short_form(self, what: str) -> None:
-        """Raises UserError for the rig of a chain of elements. what: which knows none, in words."""
-        if self.bench.chain is not None:
-            expected = "a rig of one or two modulators of equal shape, tables [slm1] and [slm2]"
-            remedy = "of a chain there are `holoview rig show`, `test` and `settling`, `holoview measure`, and captures"
-            raise UserError(f"{self.path}: chain", f"{what}, of a chain of elements", expected=expected, remedy=remedy)
-
     @property
     def modulator_names(self) -> tuple[str, ...]:
         """The tables of the modulators: slm1 and slm2, of a chain the names of the elements that show patterns."""
         chain = self.bench.chain
         return _SLMS[: len(self.bench.slms)] if chain is None else tuple(chain.drive_shapes)
+
+    @property
+    def dotted(self) -> tuple[int, ...]:
+        """The numbers of the modulators that can make dots: those of phase, or all of a bench that has none."""
+        phase = tuple(number for number, slm in enumerate(self.bench.slms) if slm.opd_range_m > 0)
+        return phase or tuple(range(len(self.bench.slms)))
+
+    @property
+    def gap_space(self) -> str:
+        """The name of the first space between the two modulators of a chain that make dots; "" without one."""
+        chain = self.bench.chain
+        if chain is None or len(self.dotted) < 2:
+            return ""
+        first, last = (chain.part(self.modulator_names[number]) for number in self.dotted[:2])
+        between = zip(chain.element_names[first:last], chain.elements[first:last], strict=True)
+        return next((name for name, element in between if isinstance(element, Space)), "")
+
+    @property
+    def aligned_elements(self) -> tuple[str, ...]:
+        """`Registration.elements`: the modulators of a chain that make dots, and the space between two."""
+        if self.bench.chain is None:
+            return ()
+        names = (*(self.modulator_names[number] for number in self.dotted), self.gap_space)
+        return tuple(filter(None, names))
+
+    @property
+    def slm_words(self) -> tuple[str, ...]:
+        """The modulators in words, as `Captures.slm_names`."""
+        return self.blank_capture().slm_names
 
     @property
     def slm_shapes(self) -> tuple[tuple[int, int], ...]:

@@ -14,8 +14,8 @@ uncertainties.
     r' = (1 + m₂)·R(ρ₂)·T₂·r + d₂           place of a block of modulator 2, r in what it displays (modulator 1: r' = r)
     ν' = R(ρ₂)·T₂·ν / (1 + m₂)
     z  = offset + (1 + scale)·Z                              Z: the stage's setting
-    near field:     q = r' + L·tan(asin(λν')),  L = z, for modulator 1 of two z + gap
-    Fourier bench:  q = f·λν − (z/f)·r
+    q                                                    where the ray of place r' and sine λν' meets the camera at z,
+                                                         through what stands between (`rays`)
     pixel           = R(ρ)·q / pitch + walk·z / pitch + centre
 
 T₂ and the camera's turn are among `captures.dataset: ORIENTATIONS`, and known before the fit; pixels are those of the
@@ -38,6 +38,8 @@ from holoview.bench.captures.dataset import Captures, SlmSpec, orientation_matri
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.devices import Levels
+from holoview.bench.rig.rays import RayWay, way_to_camera
+from holoview.light.model.effects.on_element import AT
 
 Floats = NDArray[np.float64]
 NAMES = (
@@ -71,12 +73,17 @@ class Dots:
 
 @dataclass(frozen=True)
 class BenchFacts:
-    """Wavelength, focal length (None: near field), number of modulators, and how the second one is turned."""
+    """Wavelength, the way from each modulator to the camera, how the second one is turned, and what is sought of it."""
 
     wavelength_m: float
-    focal_length_m: float | None
-    modulators: int
+    ways: tuple[RayWay, ...]
     slm2_turn: str = "none"
+    second: tuple[str, ...] = ()
+
+    @property
+    def modulators(self) -> int:
+        """How many there are."""
+        return len(self.ways)
 
 
 @dataclass(frozen=True)
@@ -118,12 +125,7 @@ def predicted_px(
         place = scale * place @ turn.T + np.array([v["shift2_y"], v["shift2_x"]])
         ν = ν @ turn.T / scale
     z = v["offset"] + (1 + v["scale"]) * stage_m
-    sines = facts.wavelength_m * ν
-    if facts.focal_length_m is None:
-        distance = z + (v["gap"] if slm + 1 < facts.modulators else 0.0)
-        point = place + distance * sines / np.sqrt(1 - (sines**2).sum(axis=1, keepdims=True))
-    else:
-        point = facts.focal_length_m * sines - z / facts.focal_length_m * place
+    point = facts.ways[slm].traced(place, facts.wavelength_m * ν, z, v["gap"])
     point = point @ rotation_matrix(v["rotation"]).T + z * np.array([v["walk_y"], v["walk_x"]])
     return np.asarray(point / np.exp(v["log_pitch"]) + np.array([v["centre_y"], v["centre_x"]]))
 
@@ -190,8 +192,7 @@ def _free(facts: BenchFacts, dots: Sequence[Dots]) -> NDArray[np.intp]:
     names = set(NAMES[:5])
     if len({d.stage_m for d in dots}) > 1:
         names |= {"scale", "walk_y", "walk_x"}
-    if facts.modulators == 2:
-        names |= {"shift2_y", "shift2_x", "rotation2", "magnification2", "gap"}
+    names |= set(facts.second)
     return np.array([k for k, name in enumerate(NAMES) if name in names])
 
 
@@ -234,6 +235,12 @@ class Optics:
     wavelength_m: float
     sine: float
     focal_length_m: float | None
+    way: RayWay
+
+    def seen_m(self, distance_m: float, gap_m: float | None = None) -> float:
+        """How far behind the modulator stands what the camera sees at a stated distance; not in a Fourier plane."""
+        a, b = self.way.matrix(distance_m, gap_m)
+        return b / a
 
     @property
     def carrier(self) -> float:
@@ -251,11 +258,16 @@ class Optics:
 
 
 def optics_of(rig: RigDescription, number: int, wavelength_m: float) -> Optics:
-    """The optics of modulator 0 or 1 of a rig, nominally."""
-    slm, bench = rig.bench.slms[number], rig.bench
+    """The optics of the modulator of a number of a rig, nominally."""
+    slm, bench, way = rig.bench.slms[number], rig.bench, way_to_camera(rig, number, wavelength_m)
     relays = (bench.relay1, bench.relay2) if number + 1 < len(bench.slms) else (bench.relay2,)
-    sines = [wavelength_m / (2 * slm.pitch_m), *(r.axis_sine(wavelength_m, slm.pitch_m) for r in relays)]
-    return Optics(slm, rig.slm_shape, wavelength_m, min(sines), bench.focal_length_m)
+    stops = [(relay, slm.pitch_m) for relay in relays]
+    if (chain := bench.chain) is not None:
+        place, every = chain.part(rig.modulator_names[number]), chain.way
+        named = zip(every.relay_names, every.relays, every.orders_m, strict=True)
+        stops = [(relay, order_m) for names, relay, order_m in named if all(chain.part(n) > place for n in names)]
+    sines = [wavelength_m / (2 * slm.pitch_m), *(relay.axis_sine(wavelength_m, order) for relay, order in stops)]
+    return Optics(slm, rig.slm_shapes[number], wavelength_m, min(sines), way.focal_length_m, way)
 
 
 def flat_levels(optics: Optics) -> Levels:
@@ -269,7 +281,7 @@ def single_lens(optics: Optics, at: tuple[float, float], distance_m: float) -> P
     lens = -np.pi / (optics.wavelength_m * distance_m) * ((y - at[0]) ** 2 + (x - at[1]) ** 2)
     half = optics.lens_px(distance_m) / 2 * optics.slm.pitch_m
     inside = (np.abs(y - at[0]) < half) & (np.abs(x - at[1]) < half)
-    levels = _levels(np.where(inside, lens, 0.0), optics)
+    levels = _levels(lens, inside, optics)
     return Probes(levels, np.array([at]), np.zeros((1, 2)), optics.dot_m(distance_m))
 
 
@@ -286,7 +298,7 @@ def lens_array(optics: Optics, distance_m: float, carrier: tuple[float, float]) 
     phase = -np.pi / (optics.wavelength_m * distance_m) * (y**2 + x**2)
     inside = (np.abs(y) <= aperture / 2 * pitch) & (np.abs(x) <= aperture / 2 * pitch)
     grating = 2 * np.pi * sum(ν * axis for ν, axis in zip(carrier, _pixels(optics), strict=True))
-    levels = _levels(np.where(inside, phase + grating, 0.0), optics)
+    levels = _levels(phase + grating, inside, optics)
     centres = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 2)
     return Probes(
         levels, centres, np.tile(np.array(carrier), (len(centres), 1)), optics.dot_m(distance_m), apart * pitch
@@ -305,9 +317,9 @@ def grating(optics: Optics, carrier: tuple[float, float], part: tuple[int, int] 
         inside &= (side * axis > 0) if side else True
     phase = 2 * np.pi * sum(ν * axis for ν, axis in zip(carrier, axes, strict=True))
     width = extent / (1 + np.abs(part))
-    spot_m = optics.wavelength_m * optics.focal_length_m / float(width.min())
+    spot_m = optics.wavelength_m * abs(optics.focal_length_m) / float(width.min())
     centre = np.array(part) * extent / 4
-    return Probes(_levels(np.where(inside, phase, 0.0), optics), centre[None], np.array([carrier]), spot_m)
+    return Probes(_levels(phase, inside, optics), centre[None], np.array([carrier]), spot_m)
 
 
 def _pixels(optics: Optics) -> tuple[Points, Points]:
@@ -316,12 +328,16 @@ def _pixels(optics: Optics) -> tuple[Points, Points]:
     return y[:, None], x[None, :]
 
 
-def _levels(phase: Points, optics: Optics) -> Levels:
-    """The levels nearest to a phase in radians, nominally; a modulator of less than a wave uses all that it has."""
+def _levels(phase: Points, inside: NDArray[np.bool_], optics: Optics) -> Levels:
+    """The levels nearest to a phase in radians, nominally, and flat outside; a modulator of less than a wave uses all
+    that it has, one of amplitude shows (1 + cos phase)/2, whose first order has that phase."""
     slm = optics.slm
-    waves = np.remainder(phase / (2 * np.pi), 1.0)
-    steps = waves * min(optics.wavelength_m / slm.opd_range_m, 1.0) * (slm.num_levels - 1)
-    return np.rint(steps).astype(_levels_type(optics))
+    if slm.opd_range_m:
+        waves = np.remainder(np.where(inside, phase, 0.0) / (2 * np.pi), 1.0)
+        steps = waves * min(optics.wavelength_m / slm.opd_range_m, 1.0)
+    else:
+        steps = np.where(inside, 0.5 + 0.5 * np.cos(phase), 0.0)
+    return np.rint(steps * (slm.num_levels - 1)).astype(_levels_type(optics))
 
 
 def _levels_type(optics: Optics) -> type[np.unsignedinteger]:
@@ -450,13 +466,13 @@ def simulated_capture(
 ) -> tuple[Captures, dict[str, dict[str, float]]]:
     """One capture without a picture, on the bench with the measured pitch; and its effects."""
     v = dict(zip(NAMES, values, strict=True))
-    levels = [np.zeros_like(shot.probes.levels) for _ in rig.bench.slms]
-    levels[shot.slm] = turned(shot.probes.levels, facts.slm2_turn if shot.slm else "none")
+    levels = rig.clear_levels
+    levels[rig.dotted[shot.slm]] = turned(shot.probes.levels, facts.slm2_turn if shot.slm else "none")
     z = v["offset"] + (1 + v["scale"]) * shot.stage_m
     fields: dict[str, Any] = rig.bench.as_fields()
     fields["camera"] = replace(rig.bench.camera, pitch_m=float(np.exp(v["log_pitch"])))
     capture = Captures(
-        levels=np.stack(levels)[None],
+        levels=rig.together(levels)[None],
         images=np.zeros((1, *picture_shape), np.uint16),
         wavelength_m=np.array([facts.wavelength_m]),
         distance_m=np.array([z]),
@@ -481,13 +497,32 @@ def geometry_effects(
         },
         "stage": {"walk_y": v["walk_y"], "walk_x": v["walk_x"]},
     }
-    if len(rig.bench.slms) == 2:
-        names = {
-            "shift_y": "shift2_y",
-            "shift_x": "shift2_x",
-            "rotation": "rotation2",
-            "magnification": "magnification2",
-        }
-        effects["slm_alignment"] = {name: v[own] for name, own in names.items()}
-        effects["gap"] = {"gap_error": v["gap"] - (rig.bench.gap_m or 0.0)}
+    found = {"gap": v["gap"] - way_to_camera(rig, rig.dotted[0], rig.wavelengths_m[0]).gap_m}
+    for name in sought_of_second(rig):
+        effect, parameter = second_effect(rig, name)
+        effects.setdefault(effect, {})[parameter] = found.get(name, v[name])
     return effects
+
+
+_OF_SECOND = {"shift2_y": "shift_y", "shift2_x": "shift_x", "rotation2": "rotation", "magnification2": "magnification"}
+
+
+def sought_of_second(rig: RigDescription) -> tuple[str, ...]:
+    """Which of `NAMES` an alignment seeks of the second modulator that makes dots.
+
+    An element of a chain isn't magnified; one beside another has no gap from it.
+    """
+    if len(rig.dotted) < 2:
+        return ()
+    if rig.bench.chain is None:
+        return (*_OF_SECOND, "gap")
+    return ("shift2_y", "shift2_x", "rotation2", *(["gap"] if rig.gap_space else []))
+
+
+def second_effect(rig: RigDescription, name: str) -> tuple[str, str]:
+    """The effect and its parameter that one of `sought_of_second` is."""
+    if rig.bench.chain is None:
+        return ("gap", "gap_error") if name == "gap" else ("slm_alignment", _OF_SECOND[name])
+    if name == "gap":
+        return f"gap{AT}{rig.gap_space}", "gap_error"
+    return f"misplaced{AT}{rig.modulator_names[rig.dotted[1]]}", _OF_SECOND[name]

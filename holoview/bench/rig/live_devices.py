@@ -8,7 +8,7 @@ DeviceWatch       which device the thread is waiting for
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from threading import Lock, Thread
 from typing import Any
@@ -117,7 +117,8 @@ class RigConnection:
         if self._worker.is_closed:  # meanwhile
             devices.close()
             return
-        self._devices, self._lasers = watch_devices(devices, lasers, self.watch), lasers
+        words = self.rig.slm_words if len(devices.modulators) > 1 else ("the modulator",)
+        self._devices, self._lasers = watch_devices(devices, lasers, self.watch, words), lasers
         self._devices.lasers.switch_off()
 
     def _on_begin(self, number: int) -> None:
@@ -237,11 +238,10 @@ class DeviceWatch:
         return None if found is None else (found[0], time.monotonic() - found[1])
 
 
-def watch_devices(devices: Devices, lasers: LasersDevice, watch: DeviceWatch) -> Devices:
-    """The same devices, with `lasers` as lasers, each call of which is seen by `watch`."""
-    names = ("the modulator",) if len(devices.modulators) == 1 else ("modulator 1", "modulator 2")
+def watch_devices(devices: Devices, lasers: LasersDevice, watch: DeviceWatch, words: Sequence[str]) -> Devices:
+    """The same devices, with `lasers` as lasers, each call of which is seen by `watch`. words: for the modulators."""
     return Devices(
-        tuple(_Watched(own, name, watch) for own, name in zip(devices.modulators, names, strict=True)),
+        tuple(_Watched(own, name, watch) for own, name in zip(devices.modulators, words, strict=True)),
         _Watched(devices.camera, "the camera", watch),
         _Watched(lasers, "the lasers", watch),
         _Watched(devices.stage, "the stage", watch),

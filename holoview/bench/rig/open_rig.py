@@ -95,7 +95,7 @@ def open_rig(rig: RigDescription) -> Devices:
         devices = Devices(modulators, opened["camera"], opened["lasers"], opened["stage"], clock)
         stack.pop_all()  # they stay open
     return limit_devices(
-        devices if rig.registration is None else register_devices(devices, rig.registration), rig.limits
+        devices if rig.registration is None else register_devices(devices, rig.registration, rig.dotted[-1]), rig.limits
     )
 
 

@@ -10,7 +10,7 @@ It stands in RIG.placement.toml beside rig.toml:
     [found_for]                       # the devices of rig.toml; others need another alignment
     slm_shape = [96, 128]
     camera_shape = [320, 240]
-    modulators = 2
+    modulators = 2                    # that make dots; of a chain `elements` has their names, and the space between
     [values]                          # each with its uncertainty, one standard deviation
     pitch = ["3.8835 um", "0.0001 um"]
 
@@ -21,7 +21,7 @@ displacement and rotation are known effects, with which a diagnosis begins.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ import tomli_w
 
 from holoview.bench.captures.dataset import ORIENTATIONS, oriented_shape, undone
 from holoview.bench.rig.devices import CameraDevice, Counts, Devices, Levels, ModulatorDevice, StageDevice, Wrapped
+from holoview.light.model.effects.on_element import AT
 from holoview.light.model.fields import Array, Number
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
@@ -79,6 +80,7 @@ class Registration:
     camera_turn, slm2_turn: of the raw picture, and of the picture on modulator 2, against the picture on modulator 1;
     slm2_turn is None with one modulator. first, shape: first row and column, and numbers of rows and columns, of the
     rectified picture in the raw picture turned back. slm_shape, camera_shape: of the devices of the alignment.
+    elements: of a chain, the names of the modulators that made dots, and after them that of the space between two.
     values: by the names of the file. `pitch` is the camera's, referred to the modulators; shift, rotation and walk are
     those of the rectified picture; a distance is stage_offset + (1 + stage_scale)·setting.
     """
@@ -90,6 +92,21 @@ class Registration:
     slm_shape: tuple[int, int]
     camera_shape: tuple[int, int]
     values: Mapping[str, UncertainValue] = field(default_factory=dict)
+    elements: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """The modulators in words; of a single one that alone counts."""
+        one, other = (*self.elements[:2], "", "")[:2] if self.elements else ("modulator 1", "modulator 2")
+        return one, other
+
+    def _effect(self, name: str) -> tuple[str, str]:
+        """The effect and its parameter that a value is."""
+        effect, parameter = _MEASURED[name].split(".")
+        if self.elements and name in _SECOND:
+            on = self.elements[2] if name == "gap_error" else self.elements[1]
+            effect = f"{'gap' if name == 'gap_error' else 'misplaced'}{AT}{on}"
+        return effect, parameter
 
     def __getitem__(self, name: str) -> float:
         return self.values[name].value
@@ -105,21 +122,20 @@ class Registration:
     def known_effects(self) -> dict[str, dict[str, float]]:
         """Effects that rectified pictures still have, {effect: {parameter: value}}, without insignificant values."""
         known: dict[str, dict[str, float]] = {}
-        for name, effect in _EFFECTS.items():
+        for name in _EFFECTS:
             found = self.values.get(name)
             if found is not None and found.is_significant:
-                identity, parameter = effect.split(".")
+                identity, parameter = self._effect(name)
                 known.setdefault(identity, {})[parameter] = rounded_to(found.value, found.uncertainty)
         return known
 
     def uncertain_effects(self) -> dict[str, dict[str, float]]:
         """Standard deviations of the registration's values, {effect: {parameter: standard deviation}}, in SI units."""
-        sigmas = {effect: self.values[name].uncertainty for name, effect in _MEASURED.items() if name in self.values}
+        sigmas = {self._effect(name): self.values[name].uncertainty for name in _MEASURED if name in self.values}
         if "pitch" in self.values:
-            sigmas["camera_alignment.magnification"] = self.values["pitch"].uncertainty / self["pitch"]
+            sigmas["camera_alignment", "magnification"] = self.values["pitch"].uncertainty / self["pitch"]
         result: dict[str, dict[str, float]] = {}
-        for effect, sigma in sigmas.items():
-            identity, parameter = effect.split(".")
+        for (identity, parameter), sigma in sigmas.items():
             if sigma > 0:
                 result.setdefault(identity, {})[parameter] = sigma
         return result
@@ -142,6 +158,7 @@ def write_registration(path: Path, registration: Registration) -> None:
             "slm_shape": list(registration.slm_shape),
             "camera_shape": list(registration.camera_shape),
             "modulators": 1 if registration.slm2_turn is None else 2,
+            **({"elements": list(registration.elements)} if registration.elements else {}),
         },
         "values": {
             name: _pair(registration.values[name], _UNITS[name]) for name in _UNITS if name in registration.values
@@ -158,7 +175,9 @@ def read_registration(path: Path) -> Registration:
         if not isinstance(tables.get(key), Mapping):
             raise UserError(f"{where}: {key}", "is missing", expected=f"a table [{key}]", remedy=_REMEDY)
     turned, found_for = tables["turned"], tables["found_for"]
-    two = found_for.get("modulators") == 2
+    two, elements = found_for.get("modulators") == 2, found_for.get("elements", [])
+    if not (isinstance(elements, list) and all(isinstance(name, str) for name in elements)):
+        raise UserError(f"{where}: found_for.elements", f"{elements!r}", expected="names of elements", remedy=_REMEDY)
     registration = Registration(
         camera_turn=_turn(turned, "camera", where),
         slm2_turn=_turn(turned, "slm2", where) if two else None,
@@ -166,7 +185,8 @@ def read_registration(path: Path) -> Registration:
         shape=_whole_pair(tables["picture"], "shape", f"{where}: picture", 1),
         slm_shape=_whole_pair(found_for, "slm_shape", f"{where}: found_for", 1),
         camera_shape=_whole_pair(found_for, "camera_shape", f"{where}: found_for", 1),
-        values=_values(tables["values"], two, f"{where}: values"),
+        values=_values(tables["values"], _wanted(two, elements), f"{where}: values"),
+        elements=tuple(elements),
     )
     raw = oriented_shape(registration.camera_shape, registration.camera_turn)
     if any(first + n > whole for first, n, whole in zip(registration.first, registration.shape, raw, strict=True)):
@@ -174,8 +194,15 @@ def read_registration(path: Path) -> Registration:
     return registration
 
 
-def _values(table: Mapping[str, Any], two: bool, where: str) -> dict[str, UncertainValue]:
-    wanted = [name for name in _UNITS if two or name not in _SECOND]
+def _wanted(two: bool, elements: Sequence[str]) -> list[str]:
+    """The names of the values that a file has."""
+    missing = set() if two else set(_SECOND)
+    if elements:
+        missing |= {"slm2_magnification", *(["gap_error"] if len(elements) < 3 else [])}
+    return [name for name in _UNITS if name not in missing]
+
+
+def _values(table: Mapping[str, Any], wanted: Sequence[str], where: str) -> dict[str, UncertainValue]:
     check_keys(table, wanted, f"{where}.")
     values = {}
     for name in wanted:
@@ -217,10 +244,15 @@ def rounded_to(value: float, uncertainty: float) -> float:
     return round(value, _SPARE_DIGITS + 1 - int(np.floor(np.log10(uncertainty))))
 
 
-def register_devices(devices: Devices, registration: Registration) -> Devices:
-    """The same devices: levels are turned on their way out, pictures turned back and cropped, distances measured."""
-    turns = ("none", registration.slm2_turn or "none")
-    modulators = tuple(_RegisteredModulator(own, turn) for own, turn in zip(devices.modulators, turns, strict=False))
+def register_devices(devices: Devices, registration: Registration, second: int = 1) -> Devices:
+    """The same devices: levels are turned on their way out, pictures turned back and cropped, distances measured.
+
+    second: the number of the modulator that `slm2_turn` is of.
+    """
+    turns = ["none"] * len(devices.modulators)
+    if registration.slm2_turn is not None:
+        turns[second] = registration.slm2_turn
+    modulators = tuple(_RegisteredModulator(own, turn) for own, turn in zip(devices.modulators, turns, strict=True))
     return replace(
         devices,
         modulators=modulators,

@@ -97,11 +97,12 @@ def _stroke(shown: Driven) -> dict[str, Any]:
 
 def _levels(shown: Driven, meaning: str, bits: int) -> dict[str, Any]:
     """Which optical path, or amplitude, a pixel's number stands for."""
-    what, most = ("amplitude", 1.0) if isinstance(shown, AmplitudeModulator) else ("path_m", shown.stroke_m)
+    is_amplitude = isinstance(shown, AmplitudeModulator)
+    what, (least, most) = ("amplitude", shown.range) if is_amplitude else ("path_m", (0.0, shown.stroke_m))
     if meaning == "path":
-        return {"grey": [0, 2**bits - 1], what: [0.0, most], "between": "linear"}
+        return {"grey": [0, 2**bits - 1], what: [least, most], "between": "linear"}
     assert shown.levels is not None
-    values = (shown.levels * most).tolist()
+    values = (least + (most - least) * shown.levels).tolist()
     if meaning == "level number":
         return {"grey": list(range(len(values))), what: values, "between": "none"}
     return {"grey": [0, 255], what: values, "between": f"black 0 and white 1 in the {meaning}"}

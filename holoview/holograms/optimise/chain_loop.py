@@ -58,7 +58,7 @@ from holoview.light.observers import drawn_people
 from holoview.light.optics.bench import pupil_with_effects, relay_response
 from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.frame_inputs import FrameInputs
-from holoview.light.optics.slm import eyebox_order
+from holoview.light.optics.slm import eyebox_order, nearest_level
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
 
@@ -325,7 +325,7 @@ class ChainProblem:
         """
         λ = np.array(self.plan.system.wavelengths_m)
         intensity, spectra = found.intensity.detach().requires_grad_(), found.spectra.detach().requires_grad_()
-        channels = self._channels().detach().requires_grad_()
+        channels = self.laser_channels().detach().requires_grad_()
         loss, _ = self.loss(ChainLight(intensity, spectra), amplitudes, channels)
         slopes = torch.autograd.grad(loss, (intensity, spectra, channels), allow_unused=True)
         with torch.no_grad():
@@ -388,29 +388,37 @@ class ChainProblem:
     def loss(self, found: ChainLight, amplitudes: Floats, channels: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """The loss, and the image (plane, channel, y, x). channels (laser, channel): of the lasers."""
         weights = torch.as_tensor(self._weights(amplitudes)).to(found.intensity)
-        colours = weights[:, None] * (self._channels() if channels is None else channels)
+        colours = weights[:, None] * (self.laser_channels() if channels is None else channels)
         image = torch.einsum("lpyx,lc->pcyx", found.intensity, colours)
         if found.missed is None:
             loss = self.objective.loss_of(image, found.planes)
         else:
             of_planes = self.objective.plane_weights[slice(None) if found.planes is None else list(found.planes)]
             loss = (torch.as_tensor(of_planes).to(found.missed) * found.missed).mean()
-        if self.settings.eyebox:
-            loss = loss + self.settings.eyebox * self._variations(found.spectra, amplitudes).square().mean()
-        return loss, image.detach()
+        return loss + self.eyebox_penalty(found, amplitudes), image.detach()
+
+    def eyebox_penalty(self, found: ChainLight, amplitudes: Floats) -> Tensor:
+        """The part of the loss that an uneven eyebox adds, as the settings weigh it."""
+        if not self.settings.eyebox:
+            return found.spectra.new_zeros(())
+        return self.settings.eyebox * self._variations(found.spectra, amplitudes).square().mean()
 
     def solved_amplitudes(self, intensity: Tensor) -> Floats:
         """Amplitudes (frame, wavelength) that are best for the present patterns."""
-        squares = AmplitudeLeastSquares(self._channels().cpu().double().numpy())
+        squares = AmplitudeLeastSquares(self.laser_channels().cpu().double().numpy())
         cut = self.objective.region_slices
         for plane, weight in enumerate(self.objective.plane_weights):
             own, target = intensity[:, plane].detach(), self.objective.target[plane]
             squares.add(squares.normal_equations(own[:, *cut], target[:, *cut]), float(weight))
         if squares.is_dark:
             raise UserError("optimisation", "no light reaches the picture", remedy="widen the stops or start anew")
+        return self.as_table(squares.solve())
+
+    def as_table(self, amplitudes: Floats) -> Floats:
+        """Amplitudes (laser,) as a table (frame, wavelength); 0 of lasers that are off."""
         out = np.zeros(self.plan.system.amplitudes.shape)
-        for (frame, wavelength), amplitude in zip(self.lasers, squares.solve(), strict=True):
-            out[frame, wavelength] = amplitude
+        for laser, amplitude in zip(self.lasers, amplitudes, strict=True):
+            out[laser] = amplitude
         return out
 
     def light(self, intensity: Tensor, amplitudes: Floats) -> float:
@@ -426,7 +434,7 @@ class ChainProblem:
         weights = weights * torch.stack([luminance[λ] for _, λ in self.lasers])
         return float(_variation(self._blocks(torch.tensordot(weights, found.spectra.detach(), dims=1))))
 
-    def _channels(self) -> Tensor:
+    def laser_channels(self) -> Tensor:
         """Channels (laser, channel) of unit intensity of each laser that shines in a frame."""
         return torch.stack([self.objective.wavelength_channels[λ] for _, λ in self.lasers])
 
@@ -584,6 +592,7 @@ class ChainPatterns:
             expected = "an element with held = false, or amplitudes alone"
             raise UserError("free", "patterns, and every element is held", expected=expected)
         self._adams = {name: Adam(v, settings.betas) for name, v in self._variables.items()}
+        self.step_factor = 1.0
 
     def shown(self) -> dict[str, Tensor]:
         """The patterns, which require gradients."""
@@ -593,6 +602,22 @@ class ChainPatterns:
             is_complex = isinstance(self._elements[name], ComplexModulator)
             drives[name] = torch.view_as_complex(variable) if is_complex else variable
         return drives
+
+    def displayed_drive(self) -> dict[str, Tensor]:
+        """The patterns at the levels that the elements show; those that move require gradients."""
+        drives = {name: drive.detach() for name, drive in self.shown().items()}
+        shown = {
+            name: drive.clone() if isinstance(element, ComplexModulator) else nearest_level(drive, element).clone()
+            for (name, drive), element in zip(drives.items(), self._elements.values(), strict=True)
+        }
+        return {name: drive.requires_grad_(name in self._moved) for name, drive in shown.items()}
+
+    def go_back(self, drives: Mapping[str, Tensor], factor: float) -> None:
+        """Begins again from other patterns, with steps that are `factor` times those before."""
+        for name, drive in drives.items():
+            self._variables[name] = (torch.view_as_real(drive) if drive.is_complex() else drive).detach().clone()
+        self.step_factor *= factor
+        self.forget()
 
     @property
     def variables(self) -> list[Tensor]:
@@ -625,7 +650,8 @@ class ChainPatterns:
     def step(self, gradients: Sequence[Tensor], decay: float) -> None:
         """Moves all patterns against the gradients of the `variables`, inside their ranges."""
         for name, gradient in zip(self._moved, gradients, strict=True):
-            moved = self._variables[name].detach() - decay * self._steps[name] * self._adams[name].unit_step(gradient)
+            step = self.step_factor * decay * self._steps[name]
+            moved = self._variables[name].detach() - step * self._adams[name].unit_step(gradient)
             if isinstance(self._elements[name], ComplexModulator):
                 size = torch.linalg.vector_norm(moved, dim=-1, keepdim=True)
                 self._variables[name] = moved / size.clamp_min(1.0)

@@ -23,7 +23,7 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 from holoview.holograms.hologram import (
     Hologram,
     chain_schema,
-    chain_sizes,
     drive_schema,
     drive_sizes,
     system_with_elements,
@@ -115,10 +114,10 @@ CHAIN_TENSORS = ("drive", "first", "second", "best_drive")
 """Of each element of a chain, by what stands before its name."""
 
 
-def _format_for(system: System | None, free: Sequence[str]) -> TensorFormat:
-    """The format of a checkpoint, which of a chain has tensors for each element. free: as of `Settings`."""
+def variable_tensors(system: System | None, free: Sequence[str] = ()) -> tuple[ArraySchema, ...]:
+    """`VARIABLE_TENSORS`, of a chain with those of each element in their place. free: as of `Settings`."""
     if system is None or not system.is_chain:
-        return _FORMAT
+        return VARIABLE_TENSORS
     own = (
         replace(chain_schema(system, name, f"{what}/{name}", "float32"), low=0.0 if what == "second" else -math.inf)
         for name in system.drive_shapes
@@ -130,7 +129,22 @@ def _format_for(system: System | None, free: Sequence[str]) -> TensorFormat:
         steps.append("wavelength_steps")
     lasers = (schema for schema in VARIABLE_TENSORS if schema.name in names)
     counts = (ArraySchema(name, _F64, (1,), low=0.0, high=1e9) for name in steps)
-    return replace(_FORMAT, tensors=(*own, *lasers, *counts))
+    return (*own, *lasers, *counts)
+
+
+def _format_for(system: System | None, free: Sequence[str]) -> TensorFormat:
+    return replace(_FORMAT, tensors=variable_tensors(system, free))
+
+
+def best_of(system: System, tensors: Mapping[str, NDArray[np.floating]]) -> Hologram:
+    """The best hologram of these tensors."""
+    lasers = {key: tensors[f"best_{key}"] for key in ("wavelengths", "amplitudes") if f"best_{key}" in tensors}
+    system = system.edit(lasers)
+    if not system.is_chain:
+        return Hologram(tensors["best_drive"].astype(np.float32), system)
+    complexes = complex_names(system)
+    stored = {name: tensors[f"best_drive/{name}"] for name in system.drive_shapes}
+    return Hologram({n: a[..., 0] + 1j * a[..., 1] if n in complexes else a for n, a in stored.items()}, system)
 
 
 @dataclass(frozen=True)
@@ -177,15 +191,7 @@ class Checkpoint:
 
     def best(self) -> Hologram:
         """The best hologram so far."""
-        lasers = {
-            key: self.tensors[f"best_{key}"] for key in ("wavelengths", "amplitudes") if f"best_{key}" in self.tensors
-        }
-        system = self.system.edit(lasers)
-        if not system.is_chain:
-            return Hologram(self.tensors["best_drive"].astype(np.float32), system)
-        complexes = complex_names(system)
-        stored = {name: self.tensors[f"best_drive/{name}"] for name in system.drive_shapes}
-        return Hologram({n: a[..., 0] + 1j * a[..., 1] if n in complexes else a for n, a in stored.items()}, system)
+        return best_of(self.system, self.tensors)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """Raises UserError that names the difference, unless the checkpoint is of this system, settings and target.
@@ -216,8 +222,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     with _format_for(told, settings.free).open(path) as file:
         system = told or preset.loads(file.texts["system"], f"{path}: system")
         progress = read_record(CheckpointProgress, file.texts["progress"], f"{path}: progress", _FORMAT.what)
-        sizes = chain_sizes(system) if system.is_chain else drive_sizes(system)
-        return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(sizes))
+        return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(drive_sizes(system)))
 
 
 def target_digest(stack: NDArray[np.floating], complex_target: ComplexTarget | None = None) -> str:

@@ -79,7 +79,9 @@ def transmission_of(element: Pixels, drive: Tensor, wavelength_m: float) -> Tens
         return phasor(drive.double() * element.stroke_m, wavelength_m, torch.complex128)
     if isinstance(element, ComplexModulator):
         return pixel_transmission(element, drive, wavelength_m)
-    return drive.to(torch.complex128)
+    assert isinstance(element, AmplitudeModulator)
+    passing: Tensor = element.amplitude_of(drive).to(torch.complex128)
+    return passing
 
 
 class DrivenElement(ABC):

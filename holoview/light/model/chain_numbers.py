@@ -104,6 +104,8 @@ def _describe(element: Element, system: System, pitch_m: float, is_last: bool) -
         return f"{text}, {_describe_mask(element)}"
     if isinstance(element, PhaseModulator | ComplexModulator) and element.stroke_m is not None:
         text += f", {units.format_rounded(element.stroke_m, 'nm')} of path"
+    if isinstance(element, AmplitudeModulator) and element.range != (0.0, 1.0):
+        text += ", amplitude {:g} to {:g}".format(*element.range)
     if isinstance(element, PhaseModulator | AmplitudeModulator):
         text += ", continuous" if element.levels is None else f", {len(element.levels)} levels"
     text += ", one pattern of all frames" if getattr(element, "shared", False) else ""

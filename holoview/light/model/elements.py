@@ -43,6 +43,7 @@ from holoview.util.errors import UserError, suggest_matches
 
 _FRAUNHOFER_M = (486.13e-9, 587.56e-9, 656.27e-9)  # F, d, C, which define the Abbe number
 _FOCAL_LENGTH = Number("mm", low=1e-5, high=1e3)
+_AMPLITUDES = Several(Number(low=0.0, high=1.0), 2, "two amplitudes from 0 to 1, the lower one first")
 _PLACE = Several(Number("um", low=-0.1, high=0.1), 2, 'two lengths (y, x) such as ["0 um", "8 um"]')
 _LONGEST_NAME = 40
 _NAME = re.compile(r"[^\W\d_][\w -]*(?<! )")  # fit for a file's name
@@ -132,13 +133,27 @@ class PhaseModulator(ShownPixels):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AmplitudeModulator(ShownPixels):
-    """An amplitude modulator: its drive, 0…1, is the share of the amplitude that passes. levels: of it; 2: binary.
+    """An amplitude modulator: low + (high − low)·drive of the amplitude passes, with `range` from low to high.
 
-    0 passes nothing; limited contrast is the effect `leakage`.
+    levels: drives that it can show; 2: binary. What a range doesn't know of its contrast is the effect `leakage`.
     """
 
     kind: ClassVar[str] = "amplitude"
+    range: tuple[float, float] = described_field(
+        _AMPLITUDES, "Amplitudes that pass at no drive and at full drive.", default=(0.0, 1.0)
+    )
     levels: NDArray[np.float64] | None = same_field(Modulator, "levels")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, high = self.range
+        if low >= high:
+            raise UserError("range", f"{low:g} to {high:g}", expected=_AMPLITUDES.words)
+
+    def amplitude_of(self, drive: Any) -> Any:
+        """The amplitude of a drive: a number, an array or a tensor."""
+        low, high = self.range
+        return low + (high - low) * drive
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -19,6 +19,7 @@ import torch
 from holoview.light.model.chain import pixel_shape
 from holoview.light.model.effects.hook_contexts import ModulatorContext
 from holoview.light.model.elements import (
+    AmplitudeModulator,
     ComplexModulator,
     Element,
     Fourier,
@@ -139,7 +140,8 @@ class ChainTransmissions:
         if isinstance(element, PhaseModulator):
             light = self._with_path(None, shown * context.stroke_m, context, part, path_factor)
         else:
-            light = self._with_path(shown.to(torch.complex128), None, context, part)
+            assert isinstance(element, AmplitudeModulator)
+            light = self._with_path(element.amplitude_of(shown).to(torch.complex128), None, context, part)
         return self._placed(element, light, context, part)
 
     def _with_path(

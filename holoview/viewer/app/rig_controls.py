@@ -18,6 +18,7 @@ from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.bench.experiment.rig_bench import system_of_rig
 from holoview.bench.rig.description import RigDescription
 from holoview.holograms.view import random_drive
+from holoview.light.model.drives import drive_fits
 from holoview.viewer.app import plots, theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.file_dialog import FileDialog, FileRequest
@@ -183,14 +184,14 @@ class PatternSection:
         if rig is not None:
             frame = session.view_settings.frame
             label = f"frame {frame + 1} of {session.document.origin}"
-            context.rig.send(drive_pattern(rig, session.displayed_document.drive[frame], label))
+            context.rig.send(drive_pattern(rig, session.displayed_document.drive, label, frame))
 
     def take_bench(self, context: AppContext) -> None:
         """Makes the nominal bench of the rig the document's, with random patterns if those it has don't fit."""
         if context.rig.rig is None:
             return
         system, session = system_of_rig(context.rig.rig), context.session
-        fits = session.drive.shape == system.drive_shape
+        fits = drive_fits(system, session.drive)
         session.edit(
             "Bench of the rig",
             system=system,

@@ -12,7 +12,7 @@ that hangs holds up nothing else.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -39,6 +39,7 @@ from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.jobs import BackgroundJob, Cancelled, JobControl
 from holoview.viewer.document.live_view import LiveDiagnosis, LiveView, PictureModel
 
+Patterns = NDArray[Any] | Mapping[str, NDArray[Any]]
 _REMEDY = "take the bench of the rig (menu Rig), then find patterns for it"
 
 
@@ -105,19 +106,29 @@ class SentPattern:
     label: str
 
 
-def drive_pattern(rig: RigDescription, drive: NDArray[np.floating], label: str) -> SentPattern:
-    """A drive (modulator, y, x) in 0…1, rounded to the nearest levels of the rig's modulators.
+def drive_pattern(rig: RigDescription, drive: Patterns, label: str, frame: int = 0) -> SentPattern:
+    """A frame of a drive in 0…1, rounded to the nearest levels of the rig's modulators.
 
+    drive: (frame, modulator, y, x), of a chain (frame, y, x) by the names of its elements, where one frame may be all.
     Raises UserError where it has another shape.
     """
-    shape = (len(rig.bench.slms), *rig.slm_shape)
-    if drive.shape != shape:
-        found, wanted = (" × ".join(map(str, s)) for s in (drive.shape, shape))
-        expected = f"{wanted} (modulator, y, x) as the rig has"
-        raise UserError(label, f"patterns of {found}", expected=expected, remedy=_REMEDY)
-    highest = np.array([slm.num_levels - 1 for slm in rig.bench.slms])[:, None, None]
-    levels = np.rint(np.clip(np.asarray(drive, np.float64), 0.0, 1.0) * highest)
-    return SentPattern(levels.astype(rig.levels_type), label)
+    if not isinstance(drive, Mapping):
+        drive = {f"slm{number + 1}": drive[:, number] for number in range(drive.shape[1])}
+    shown = {name: own[min(frame, len(own) - 1)] for name, own in drive.items()}
+    found, wanted = {name: own.shape for name, own in shown.items()}, dict(_named_shapes(rig))
+    if found != wanted or any(map(np.iscomplexobj, shown.values())):
+        words = [", ".join(f"{n} {y} × {x}" for n, (y, x) in shapes.items()) for shapes in (found, wanted)]
+        expected = f"{words[1]} as the rig has"
+        raise UserError(label, f"patterns of {words[0]}", expected=expected, remedy=_REMEDY)
+    levels = [
+        np.rint(np.clip(np.asarray(shown[name], np.float64), 0.0, 1.0) * (slm.num_levels - 1)).astype(rig.levels_type)
+        for name, slm in zip(rig.modulator_names, rig.bench.slms, strict=True)
+    ]
+    return SentPattern(rig.together(levels), label)
+
+
+def _named_shapes(rig: RigDescription) -> zip[tuple[str, tuple[int, int]]]:
+    return zip(rig.modulator_names, rig.slm_shapes, strict=True)
 
 
 def random_pattern(rig: RigDescription, sigma_px: float, seed: int) -> SentPattern:
@@ -128,13 +139,13 @@ def random_pattern(rig: RigDescription, sigma_px: float, seed: int) -> SentPatte
 
 def flat_pattern(rig: RigDescription, share: float) -> SentPattern:
     """The same level everywhere, `share` of the highest one."""
-    drive = np.full((len(rig.bench.slms), *rig.slm_shape), share)
+    drive = {name: np.full((1, *shape), share) for name, shape in _named_shapes(rig)}
     return drive_pattern(rig, drive, f"flat, {share:.2f} of the stroke")
 
 
 def file_pattern(rig: RigDescription, path: Path) -> SentPattern:
     """The first frame of a hologram file. Raises UserError."""
-    return drive_pattern(rig, load_hologram(path).drive[0], printable(path.name))
+    return drive_pattern(rig, load_hologram(path).drive, printable(path.name))
 
 
 # --- the rig ---
@@ -194,7 +205,6 @@ class RigSession:
     def open(self, path: str | Path) -> None:
         """Reads rig.toml and opens its devices in the background. Raises UserError for a wrong description."""
         rig = read_rig(path)
-        rig.require_short_form("a rig in the window")
         self.close_rig()
         self.rig, self.diagnosis.registration = rig, rig.registration
         self.captures = TakenCaptures(rig.path.with_name(f"{rig.path.stem}-{_now()}.captures"))

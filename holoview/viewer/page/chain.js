@@ -38,7 +38,7 @@ function outer([lineY, lineX], [real, imaginary]) {
 // What each pixel of an element multiplies light by: a function of the pixel's index to [real, imaginary]. array: the
 // numbers of a pattern or a mask; null for zeros. frame: its number among the patterns that differ.
 function pixelsOf(element, array, frame, λ) {
-    const { kind, stroke_m } = element
+    const { kind, stroke_m, range } = element
     const waves = 1 / λ
     if (kind === "mask") {
         const [path, amplitude] = [element.path, element.amplitude].map(each => each && array(each))
@@ -50,7 +50,7 @@ function pixelsOf(element, array, frame, λ) {
     }
     const drive = array(element.patterns[frame])
     if (kind === "phase") return i => phasor((drive?.[i] ?? 0) * stroke_m * waves)
-    if (kind === "amplitude") return i => [drive?.[i] ?? 0, 0]
+    if (kind === "amplitude") return i => [range[0] + (range[1] - range[0]) * (drive?.[i] ?? 0), 0]
     return i => { // complex: real and imaginary parts in turn
         const [real, imaginary] = drive ? [drive[2 * i], drive[2 * i + 1]] : [0, 0]
         if (stroke_m === null) return [real, imaginary]

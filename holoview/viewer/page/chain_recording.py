@@ -207,7 +207,8 @@ def element_numbers(plan: Plan, inputs: FrameInputs) -> ElementNumbers:
         frames = [f for f in range(plan.system.frames) if inputs.shown_first(f, number) == f]
         dtype = np.complex64 if isinstance(element, ComplexModulator) else np.float32
         patterns = [stored(transmissions.sent(element, f).cpu().numpy(), dtype) for f in frames]
-        return known | {"stroke_m": getattr(element, "stroke_m", None), "patterns": patterns}
+        of_kind = {"stroke_m": getattr(element, "stroke_m", None), "range": getattr(element, "range", None)}
+        return known | of_kind | {"patterns": patterns}
 
     found.numbers = [
         numbers_of(number, of.element, of.place) | {"beside": [numbers_of(number, arm, "") for arm in of.beside]}

@@ -139,7 +139,7 @@ class BenchHere:
 
     def devices(self) -> Devices:
         """All devices, within the rig's safety limits."""
-        modulators = tuple(_Modulator(self.bench, n) for n in range(len(self.rig.bench.slms)))
+        modulators = tuple(_Modulator(self.bench, n, shape=shape) for n, shape in enumerate(self.rig.slm_shapes))
         return limit_devices(Devices(modulators, self, self, self, self), self.rig.limits)
 
     def set_exposure(self, exposure_s: float) -> float:

@@ -22,14 +22,14 @@ def rig(tmp_path: Path) -> RigDescription:
 
 def test_a_drive_is_rounded_to_the_nearest_levels(rig: RigDescription) -> None:
     drive = np.linspace(0.0, 1.0, 24 * 32).reshape(1, 24, 32)
-    levels = drive_pattern(rig, drive, "ramp").levels
+    levels = drive_pattern(rig, drive[None], "ramp").levels
     assert levels.dtype == np.uint8 and levels.min() == 0 and levels.max() == 255
     assert np.abs(levels / 255 - drive).max() <= 0.5 / 255 + 1e-12
 
 
 def test_a_drive_of_another_shape_is_refused_with_what_to_do(rig: RigDescription) -> None:
     with pytest.raises(UserError, match="bench of the rig"):
-        drive_pattern(rig, np.zeros((2, 24, 32)), "the viewer's")
+        drive_pattern(rig, np.zeros((1, 2, 24, 32)), "the viewer's")
 
 
 def test_flat_and_random_patterns_have_the_modulators_shape(rig: RigDescription) -> None:

@@ -179,7 +179,7 @@ def draw(kind: str, seed: int, shape: tuple[int, int] = (48, 64)) -> Hidden:
 def devices_of(rig: RigDescription) -> tuple[Devices, VirtualBench]:
     """The devices of a virtual bench in this process, and the bench."""
     bench = VirtualBench(rig, read_virtual_settings(rig))
-    modulators = tuple(_Modulator(bench, rig.slm_shape, k) for k in range(len(rig.bench.slms)))
+    modulators = tuple(_Modulator(bench, shape, k) for k, shape in enumerate(rig.slm_shapes))
     devices = Devices(modulators, _Camera(bench, rig), _Lasers(bench, rig), _Stage(bench, rig), _Clock(bench))
     return limit_devices(devices, rig.limits), bench
 

@@ -94,8 +94,7 @@ def rough_turns(hidden: Hidden, folder: Path) -> list[str]:
             return bench.take().astype(float)
 
         width = min(rig.camera_shape) * rig.bench.camera.pitch_m
-        distance = setting + (1e-3 if number + 1 < count else 0.0)
-        found.append(find_roughly(optics[number], number + 1, distance, width, take).turn)
+        found.append(find_roughly(optics[number], f"modulator {number + 1}", setting, width, take).turn)
     return found
 
 

@@ -7,11 +7,13 @@ import pytest
 from scipy.stats import chi2
 
 from holoview.bench.rig.dots import NAMES, BenchFacts, Dots, brightest_dot, find_dots, fit_geometry, predicted_px
+from holoview.bench.rig.rays import RayWay
 from holoview.light.model.effects.hook_contexts import Pose
 
 λ = 638e-9
-NEAR, FOURIER = BenchFacts(λ, None, 2, "flip_x"), BenchFacts(λ, 0.1, 1)
-ONE = BenchFacts(λ, None, 1)
+SECOND = ("shift2_y", "shift2_x", "rotation2", "magnification2", "gap")
+NEAR = BenchFacts(λ, (RayWay((("space", 1e-3),), gap=0), RayWay()), "flip_x", SECOND)
+ONE, FOURIER = BenchFacts(λ, (RayWay(),)), BenchFacts(λ, (RayWay((("fourier", 0.1),)),))
 TRUE = {
     "centre_y": 119.3, "centre_x": 149.8, "log_pitch": np.log(3.9e-6), "rotation": 8e-3, "offset": 0.3e-3,
     "scale": 0.02, "walk_y": 1e-3, "walk_x": -2e-3, "shift2_y": 12e-6, "shift2_x": -7e-6, "rotation2": 3e-3,
@@ -20,8 +22,7 @@ TRUE = {
 
 
 def values_of(facts: BenchFacts) -> np.ndarray:
-    second = {"shift2_y", "shift2_x", "rotation2", "magnification2", "gap"}
-    return np.array([0.0 if facts.modulators == 1 and n in second else TRUE[n] for n in NAMES])
+    return np.array([0.0 if facts.modulators == 1 and n in SECOND else TRUE[n] for n in NAMES])
 
 
 def dots_of(
@@ -134,3 +135,38 @@ def test_the_brightest_dot_stands_out_of_noise_and_noise_has_none() -> None:
     place, contrast = brightest_dot(noise + 5 * picture([(140.0, 200.0)], (300, 300)), WIDTH)
     assert np.abs(place - [140, 200]).max() <= 2 and contrast > 12  # 5/2 of 1/(2√π·σ), less the noise's own share
     assert brightest_dot(noise, WIDTH)[1] < 8  # 300² values of unit deviation reach 4.4, smoothed ones less
+
+
+@pytest.mark.parametrize(
+    ("way", "a", "b_m", "focal_length_m"),
+    [
+        (RayWay(), 1.0, 5e-3, None),
+        (RayWay((("space", 1e-3), ("space", 2e-3)), behind_m=0.5e-3), 1.0, 7.5e-3, None),
+        (RayWay((("fourier", 0.1),)), -0.05, 0.1, 0.1),
+        (RayWay((("fourier", 15e-3), ("fourier", 30e-3))), -2.0, -2.5e-3, None),  # an image twice as large
+        (RayWay((("space", 20e-3), ("lens", 10e-3), ("space", 15e-3))), -1.0, 0.0, 10e-3),  # an image 2f behind it
+    ],
+)
+def test_a_way_images_or_transforms_a_modulator_as_matrices_say(
+    way: RayWay, a: float, b_m: float, focal_length_m: float | None
+) -> None:
+    """With the camera at 5 mm. A lens of f at 2f images 1 : 1 at 2f behind it, 20 mm = 15 mm + 5 mm."""
+    assert way.matrix(5e-3) == pytest.approx((a, b_m), abs=1e-12)
+    if focal_length_m is None:
+        assert way.focal_length_m is None
+    else:
+        assert way.focal_length_m == pytest.approx(focal_length_m, rel=1e-9)
+        assert way.matrix(way.focus_m)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_rays_leave_the_axis_by_their_tangent_and_begin_at_the_modulators_place() -> None:
+    way = RayWay((("space", 1e-3),), gap=0, offset_m=(1e-4, 0.0))
+    met = way.traced(np.array([[0.0, 2e-4]]), np.array([[0.6, 0.0]]), 3e-3, 2e-3)
+    np.testing.assert_allclose(met, [[1e-4 + 5e-3 * 0.75, 2e-4]], rtol=1e-12)
+
+
+def test_the_stage_goes_where_a_length_behind_the_modulator_is_seen() -> None:
+    assert RayWay((("space", 2e-3),)).stage_m(5e-3, (0.0, 1e-2)) == pytest.approx(3e-3)
+    assert RayWay((("fourier", 15e-3),) * 2).stage_m(5e-3, (0.0, 1e-2)) == pytest.approx(5e-3)  # behind the image
+    assert RayWay((("fourier", 0.1),)).stage_m(5e-3, (1e-3, 2e-3)) == pytest.approx(1e-3)  # the plane is almost reached
+    assert RayWay((("space", 2e-3),)).stage_m(5e-3, (4e-3, 1e-2)) == pytest.approx(4e-3)

@@ -34,7 +34,7 @@ or in rig.toml:
     range = "clipped"             # or "compressed": limited range, 16 to 235
     bits = 6                      # that arrive
     [placement]                   # how modulators and camera are turned: one of `captures.dataset: ORIENTATIONS`
-    slm1 = "rotate_180"           # the picture on modulator 1 arrives on the bench turned so
+    slm1 = "rotate_180"           # the picture on modulator 1 (of a chain, on the named element) arrives turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
 
 Displacements and small rotations are effects: `camera_alignment`, `slm_alignment`, `distance`, `stage`.
@@ -76,7 +76,6 @@ from holoview.util.files import read_text
 from holoview.util.tables import ValueType, check_keys, parse_toml, read_table
 
 _EXPECTED = "what a virtual bench really is, in TOML"
-_TURNED = ("slm1", "slm2", "camera")
 _SHARE, _SECONDS, _SMALL = Number(low=0.0, high=1.0), Number(low=0.0, high=100.0), Number("um", low=0.0, high=1e-3)
 _HOUR_S = 3600.0
 _BRIGHT_QUANTILE, _FULL_EXPOSURE_S = 0.999, 1 / 60
@@ -91,7 +90,6 @@ class OrientationTable:
     def parse(self, value: Any, where: str) -> dict[str, str]:
         if not isinstance(value, Mapping):
             raise UserError(where, f"{value!r}", expected='a table such as [placement] camera = "flip_x"')
-        check_keys(value, _TURNED, f"{where}.", noun="device")
         for key, turn in value.items():
             if turn not in ORIENTATIONS:
                 raise UserError(f"{where}.{key}", f"{turn!r}", remedy=suggest_matches(str(turn), ORIENTATIONS))
@@ -109,6 +107,7 @@ class LaserLogName:
         return value
 
 
+_SLMS = ("slm1", "slm2")
 PICTURE_FAULTS, MESSAGE_FAULTS = ("timeout", "short", "torn", "repeated"), ("disconnect", "power_off")
 _FAULTS: dict[str, ValueType] = {"seed": Integer(low=0, high=2**31)}
 _FAULTS |= dict.fromkeys((*PICTURE_FAULTS, *MESSAGE_FAULTS), _SHARE)
@@ -164,9 +163,9 @@ class VirtualSettings:
         """The variations from capture to capture."""
         return Nuisances(self.exposure_jitter, self.prnu, self.camera_jitter_m, self.wavelength_jitter_m)
 
-    def slm_turns(self, count: int) -> tuple[str, ...]:
-        """How the pattern of each of `count` modulators arrives on the bench."""
-        return tuple(self.placement.get(f"slm{n}", "none") for n in range(1, count + 1))
+    def slm_turns(self, names: Sequence[str]) -> tuple[str, ...]:
+        """How the pattern of each of these modulators arrives on the bench."""
+        return tuple(self.placement.get(name, "none") for name in names)
 
     @property
     def camera_turn(self) -> str:
@@ -186,11 +185,15 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
         settings: VirtualSettings = from_mapping(VirtualSettings, table)
     except UserError as error:
         raise error.inside(f"{where}.") from error
+    known = (*(rig.modulator_names if rig.bench.chain is not None else _SLMS), "camera")
+    check_keys(settings.placement, known, f"{where}.placement.", noun="device")
+    turns = settings.slm_turns(rig.modulator_names)
     if rig.bench.chain is not None:
-        if turned_names := [name for name in settings.placement if name != "camera"]:
-            raise UserError(f"{where}.placement", turned_names[0], expected="the camera alone, of a chain of elements")
+        for name, shape, turn in zip(rig.modulator_names, rig.slm_shapes, turns, strict=True):
+            if oriented_shape(shape, turn) != shape:
+                expected = "a turn that leaves the element its shape"
+                raise UserError(f"{where}.placement.{name}", turn, expected=expected)
         return settings
-    turns = settings.slm_turns(len(rig.bench.slms))
     if len({oriented_shape(rig.slm_shape, turn) for turn in turns}) > 1:
         expected = "turns that leave both modulators the same shape"
         raise UserError(f"{where}.placement", f"{turns[0]} and {turns[1]}", expected=expected)
@@ -246,7 +249,7 @@ class VirtualBench:
     ) -> None:
         self._rig, self._settings, self._on_laser = rig, settings, on_laser
         seed = int(settings.seed)
-        self._rng, self._turns = np.random.default_rng(seed), settings.slm_turns(len(rig.bench.slms))
+        self._rng, self._turns = np.random.default_rng(seed), settings.slm_turns(rig.modulator_names)
         self._drift = Drift(settings.camera_drift_m, settings.power_drift, np.random.default_rng((seed, 1)))
         self._sensitivity = 1 + settings.nuisances.prnu * self._rng.standard_normal(rig.camera_shape)
         lasers = rig.wavelengths_m

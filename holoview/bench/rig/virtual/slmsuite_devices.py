@@ -45,7 +45,6 @@ class VirtualBenchLink:
     ) -> None:
         import_optional("slmsuite", "the virtual bench's devices for slmsuite")
         self.rig: RigDescription = read_rig(rig, is_registered=False)
-        self.rig.require_short_form("slmsuite's devices of a virtual rig")
         self._live, self.is_open = live, True
         if (address is None) != (token is None):
             raise UserError("virtual bench", "address or token alone", expected="both, or neither")
@@ -77,7 +76,7 @@ class VirtualBenchLink:
 class VirtualSLM(SLM):  # type: ignore[misc]
     """A modulator of a virtual bench. It switches a laser on, and off when it is closed.
 
-    rig: rig.toml. number: 1 or 2. wavelength_nm: of the laser; None: the shortest. power: relative, within the limits.
+    rig: rig.toml. number: from 1, of a chain in the order of its elements that show patterns. wavelength_nm: of the laser; None: the shortest. power: relative, within the limits.
     address, token: of a bench that runs; None starts one, which the SLM's own address and token then name.
     live: whether time on the bench goes on between calls.
 
@@ -105,16 +104,19 @@ class VirtualSLM(SLM):  # type: ignore[misc]
         if not 1 <= number <= len(facts.bench.slms):
             raise UserError("number", f"{number}", expected=f"1 … {len(facts.bench.slms)}, as {rig} has modulators")
         facts.limits.require_power(power)
-        slm = facts.bench.slms[self._number]
+        slm, name = facts.bench.slms[self._number], facts.modulator_names[self._number]
+        if not slm.opd_range_m:
+            expected = "a phase modulator, as slmsuite's modulators are"
+            raise UserError(f"{rig}: {name}", "an amplitude modulator", expected=expected)
         bits = (slm.num_levels - 1).bit_length()
         if slm.num_levels != 2**bits:
-            where = f"{rig}: slm{number}.num_levels"
+            where = f"{rig}: {name}.num_levels"
             raise UserError(where, f"{slm.num_levels}", expected="a power of two, which slmsuite's modulators have")
         self._link.ask({"do": "laser", "wavelength": self._wavelength_m, "power": power})
         super().__init__(
-            facts.slm_shape[::-1],
+            facts.slm_shapes[self._number][::-1],
             bitdepth=bits,
-            name=f"virtual slm{number}",
+            name=f"virtual {name}",
             wav_um=self._wavelength_m * 1e6,
             pitch_um=slm.pitch_m * 1e6,
             **arguments,
