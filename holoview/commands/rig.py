@@ -401,7 +401,7 @@ def _check_lut_light(args: argparse.Namespace, rig: RigDescription, modulator: i
         if is_stated:
             expected = "none of it: an amplitude modulator shows one level everywhere, and its light is read"
             raise UserError(flag, f"with {name}, of amplitude", expected=expected)
-    if arms := arms_beside(rig, name):
+    if arms := " and ".join(arms_beside(rig, name)):
         found, expected = f"{name} beside {arms}", "a modulator that all light passes"
         remedy = f"block the light of {arms} and describe the rig without it, or `holoview calibrate`"
         raise UserError("--slm", found, expected=expected, remedy=remedy)

@@ -50,12 +50,13 @@ from holoview.bench.rig.dots import (
     grating,
     lens_array,
     optics_of,
+    patterns_around,
     predicted_px,
     single_lens,
     sought_of_second,
 )
 from holoview.bench.rig.measurement import Measurement
-from holoview.bench.rig.rays import mask_in_the_light, way_to_camera
+from holoview.bench.rig.rays import arms_beside, mask_in_the_light, way_to_camera
 from holoview.bench.rig.registration import Registration, UncertainValue
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -211,7 +212,7 @@ class _Alignment:
             self._words[number],
             setting,
             self._camera_width_m,
-            lambda levels, note: self._pictures.take(self._patterns(number, levels), note),
+            lambda levels, note: self._picture(number, levels, note),
         )
 
     def _shots_at(self, setting: float, values: Floats) -> list[DotPicture]:
@@ -221,7 +222,8 @@ class _Alignment:
         z = geometry["offset"] + (1 + geometry["scale"]) * setting
         found = []
         for number, optics in enumerate(self._optics):
-            own = [self._shot(number, setting, p, values) for p in self._probes(optics, z, geometry["gap"])]
+            probes, beside = self._probes(optics, z, geometry["gap"]), self._light_beside(number)
+            own = [self._shot(number, setting, p, values, beside) for p in probes]
             if sum(int(np.isfinite(d.position_px).all(axis=1).sum()) for d in own) < _FEWEST_DOTS:
                 raise DeviceError(
                     "camera",
@@ -241,9 +243,17 @@ class _Alignment:
             grating(optics, (y * ν, -x * ν), part) for part, (y, x) in zip(_CARRIERS, _DIAGONALS, strict=True)
         ]
 
-    def _shot(self, number: int, setting: float, probes: Probes, values: Floats) -> DotPicture:
-        """Shows one pattern and finds its dots."""
-        picture = self._pictures.take(self._patterns(number, probes.levels), f"dots of {self._words[number]}")
+    def _light_beside(self, number: int) -> Floats | float:
+        """The light of other arms of an interferometer, which all dots stand on: half of that of flat arms."""
+        if not arms_beside(self._rig, self._rig.modulator_names[self._rig.dotted[number]]):
+            return 0.0
+        return 0.5 * self._picture(number, flat_levels(self._optics[number]), f"{self._words[number]} flat")
+
+    def _shot(
+        self, number: int, setting: float, probes: Probes, values: Floats, beside: Floats | float
+    ) -> DotPicture:
+        """Shows one pattern and finds its dots, without the light beside."""
+        picture = self._picture(number, probes.levels, f"dots of {self._words[number]}") - beside
         facts, pitch = self._facts, float(np.exp(values[NAMES.index("log_pitch")]))
         expected = predicted_px(values, facts, number, setting, probes.centre_m, probes.frequency)
         apart, focal_length_m = probes.spacing_m, self._optics[number].focal_length_m
@@ -253,11 +263,10 @@ class _Alignment:
         position = np.where((found.contrast >= _LEAST_CONTRAST)[:, None], found.position_px, np.nan)
         return DotPicture(number, setting, probes, position, probes.width_m / pitch, _REACH * apart / pitch)
 
-    def _patterns(self, number: int, levels: Levels) -> list[Levels]:
-        """Patterns in which one modulator shows these levels, and the others let all light through."""
-        patterns = self._rig.clear_levels
-        patterns[self._rig.dotted[number]] = levels
-        return patterns
+    def _picture(self, number: int, levels: Levels, note: str) -> Floats:
+        """The picture of these levels on one modulator, while the others let all light through."""
+        around = patterns_around(self._rig, number, levels, self._λ)
+        return np.asarray(np.mean([self._pictures.take(patterns, note) for patterns in around], axis=0))
 
 
 _FIRST_EXPOSURE_S = 1e-2

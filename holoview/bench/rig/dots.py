@@ -38,7 +38,7 @@ from holoview.bench.captures.dataset import Captures, SlmSpec, orientation_matri
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.devices import Levels
-from holoview.bench.rig.rays import RayWay, way_to_camera
+from holoview.bench.rig.rays import RayWay, settings_beside, way_to_camera
 from holoview.light.model.effects.on_element import AT
 
 Floats = NDArray[np.float64]
@@ -455,7 +455,7 @@ def dot_bias(
     straight = values.copy()
     straight[NAMES.index("rotation")] = 0.0
     capture, effects = simulated_capture(rig, facts, straight, picture_shape, shot)
-    picture = Predictor(capture)([0], effects).signal[0].double().numpy()
+    picture = Predictor(capture)(range(len(capture)), effects).signal.double().mean(dim=0).numpy()
     rays = predicted_px(straight, facts, shot.slm, shot.stage_m, shot.probes.centre_m, shot.probes.frequency)
     found: FoundDots = find_dots(picture, rays, shot.width_px, shot.reach_px)
     return np.asarray((found.position_px - rays) @ rotation_matrix(values[NAMES.index("rotation")]).T)
@@ -464,24 +464,37 @@ def dot_bias(
 def simulated_capture(
     rig: RigDescription, facts: BenchFacts, values: Floats, picture_shape: tuple[int, int], shot: DotPicture
 ) -> tuple[Captures, dict[str, dict[str, float]]]:
-    """One capture without a picture, on the bench with the measured pitch; and its effects."""
+    """Captures without pictures, whose mean the picture of a shot is, on the bench with the measured pitch; and their
+    effects."""
     v = dict(zip(NAMES, values, strict=True))
-    levels = rig.clear_levels
-    levels[rig.dotted[shot.slm]] = turned(shot.probes.levels, facts.slm2_turn if shot.slm else "none")
+    shown = turned(shot.probes.levels, facts.slm2_turn if shot.slm else "none")
+    around = patterns_around(rig, shot.slm, shown, facts.wavelength_m)
+    count = len(around)
     z = v["offset"] + (1 + v["scale"]) * shot.stage_m
     fields: dict[str, Any] = rig.bench.as_fields()
     fields["camera"] = replace(rig.bench.camera, pitch_m=float(np.exp(v["log_pitch"])))
     capture = Captures(
-        levels=rig.together(levels)[None],
-        images=np.zeros((1, *picture_shape), np.uint16),
-        wavelength_m=np.array([facts.wavelength_m]),
-        distance_m=np.array([z]),
-        power=np.ones(1),
-        exposure_s=np.ones(1),
+        levels=np.stack([rig.together(patterns) for patterns in around]),
+        images=np.zeros((count, *picture_shape), np.uint16),
+        wavelength_m=np.full(count, facts.wavelength_m),
+        distance_m=np.full(count, z),
+        power=np.ones(count),
+        exposure_s=np.ones(count),
         lasers_m=rig.wavelengths_m,
         **fields,
     )
     return capture, geometry_effects(rig, v, [(n - 1) / 2 for n in picture_shape])
+
+
+def patterns_around(rig: RigDescription, number: int, levels: Levels, wavelength_m: float) -> list[list[Levels]]:
+    """Patterns of all modulators with these levels on the one that makes dots, whose pictures' mean is evaluated.
+
+    number: of it among `RigDescription.dotted`.
+    """
+    around = settings_beside(rig, rig.dotted[number], wavelength_m)
+    for patterns in around:
+        patterns[rig.dotted[number]] = levels
+    return around
 
 
 def geometry_effects(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.rig.description import RigDescription
+from holoview.bench.rig.devices import Levels
 from holoview.light.model.elements import Fourier, Lens, Mask, Space
 
 Floats = NDArray[np.float64]
@@ -141,14 +142,35 @@ def mask_in_the_light(rig: RigDescription) -> str:
     return next((f"{name}, of kind {e.kind}" for name, e in named if isinstance(e, Mask)), "")
 
 
-def arms_beside(rig: RigDescription, name: str) -> str:
-    """The elements that stand beside one in the other arms of an interferometer, in words; "" without one."""
+def arms_beside(rig: RigDescription, name: str) -> tuple[str, ...]:
+    """The names of the elements that stand beside one in the other arms of an interferometer."""
     chain = rig.bench.chain
     if chain is None:
-        return ""
+        return ()
     beside = {own: getattr(e, "beside", "") for own, e in zip(chain.element_names, chain.elements, strict=True)}
 
     def first(own: str) -> str:
         return first(beside[own]) if beside[own] else own
 
-    return " and ".join(own for own in beside if own != name and first(own) == first(name))
+    return tuple(own for own in beside if own != name and first(own) == first(name))
+
+
+def settings_beside(rig: RigDescription, number: int, wavelength_m: float) -> list[list[Levels]]:
+    """Patterns of all modulators around a pattern of the one of a number: the mean of the pictures has no interference.
+
+    All let the light through. A phase modulator in another arm is flat, once half a wave behind, so that its light
+    interferes with the pattern's with either sign; one of amplitude is dark.
+    """
+    patterns = [rig.clear_levels]
+    for arm in arms_beside(rig, rig.modulator_names[number]):
+        if arm not in rig.modulator_names:
+            continue
+        k = rig.modulator_names.index(arm)
+        slm = rig.bench.slms[k]
+        if not slm.opd_range_m:
+            patterns[0][k][:] = 0
+            continue
+        half = round(min(wavelength_m / (2 * slm.opd_range_m), 1.0) * (slm.num_levels - 1))
+        patterns = [patterns[0], [own.copy() for own in patterns[-1]]]
+        patterns[1][k][:] = half
+    return patterns

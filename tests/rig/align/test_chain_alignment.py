@@ -30,7 +30,7 @@ def space(mm: float, **stops: Any) -> dict[str, Any]:
 
 
 def fourier(name: str) -> dict[str, Any]:
-    return {"kind": "fourier", "name": name, "focal_length": "5 mm"}
+    return {"kind": "fourier", "name": name, "focal_length": "4 mm"}
 
 
 CHAINS: dict[str, list[dict[str, Any]]] = {

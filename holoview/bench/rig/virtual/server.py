@@ -338,7 +338,8 @@ class VirtualBench:
         effects = self._with_settling(self._with_drift(jittered), begin)
         prediction = Predictor(self._one_capture(wavelength_m, power), finer=int(settings.finer))([0], effects)
         signal = prediction.signal[0].double().numpy()
-        light = self._scale_of(wavelength_m, signal, power) * signal * self._exposure_error() * self._drift.power
+        light = self._scale_of(wavelength_m, signal, power, effects) * signal * self._exposure_error()
+        light = light * self._drift.power
         if prediction.ambient is not None:
             light = light + prediction.ambient[0].double().numpy()
         return self._recorded(light, prediction.black_level)
@@ -348,10 +349,10 @@ class VirtualBench:
         on_pixels = turned(light, self._settings.camera_turn) * self._sensitivity
         return read_out(self._rig.bench.camera, on_pixels, black_level, self._rng)
 
-    def _one_capture(self, wavelength_m: float, power: float) -> Captures:
-        """A capture of the patterns shown at the place of the camera, with an empty picture."""
+    def _one_capture(self, wavelength_m: float, power: float, levels: NDArray[Any] | None = None) -> Captures:
+        """A capture at the place of the camera with an empty picture, of the patterns shown unless others are given."""
         return self._rig.capture(
-            self._on_the_bench([shown.levels for shown in self._shown]),
+            self._on_the_bench([shown.levels for shown in self._shown]) if levels is None else levels,
             np.zeros(self._picture_shape, np.uint16),
             wavelength_m=wavelength_m,
             distance_m=self.distance_m,
@@ -390,10 +391,18 @@ class VirtualBench:
         τ = self._settings.settle_s
         return math.exp(-(now_s - shown.since_s) / τ) if τ > 0 else 0.0
 
-    def _scale_of(self, wavelength_m: float, signal: NDArray[np.float64], power: float) -> float:
-        """Counts per unit of signal, fixed by the first light of each laser: a full picture takes a frame's time."""
+    def _scale_of(
+        self, wavelength_m: float, signal: NDArray[np.float64], power: float, effects: Mapping[str, Any]
+    ) -> float:
+        """Counts per unit of signal, fixed by the first light of each laser: a full picture takes a frame's time.
+
+        Where amplitude modulators could have darkened it, by that of clear patterns.
+        """
         if wavelength_m not in self._scale:
             camera = self._rig.bench.camera
+            if any(not slm.opd_range_m for slm in self._rig.bench.slms):
+                clear = self._one_capture(wavelength_m, power, self._rig.together(self._rig.clear_levels))
+                signal = Predictor(clear, finer=int(self._settings.finer))([0], effects).signal[0].double().numpy()
             bright = float(np.quantile(signal, _BRIGHT_QUANTILE)) / max(power * self.exposure_s, 1e-12)
             target = camera.saturation - camera.black_level
             self._scale[wavelength_m] = (
