@@ -68,6 +68,11 @@ def on_rig(system: System, rig: RigDescription) -> System:
     if not (system.amplitudes > 0).any(axis=0).all():
         remedy = "leave it out of wavelengths"
         raise UserError("amplitudes", "a laser is off in every frame", expected="each on in some frame", remedy=remedy)
+    return _with_levels(system, rig)
+
+
+def _with_levels(system: System, rig: RigDescription) -> System:
+    """A system with the rig's levels where its modulators have none."""
     place = "elements.{}.levels" if system.is_chain else "modulators.{}.levels"
     levels = {
         place.format(key): slm.num_levels
@@ -146,7 +151,7 @@ def _chain_differences(system: System, rig: RigDescription) -> list[tuple[str, s
     if chain is None or system.element_names != chain.element_names:
         names = rig.slm_words if chain is None else chain.element_names
         return [("elements", ", ".join(system.element_names), ", ".join(names))]
-    found = []
+    found, chain = [], _with_levels(chain, rig)
     for name, own, other in zip(system.element_names, system.elements, chain.elements, strict=True):
         ours, theirs = ({"kind": e.kind, **to_mapping(e)} for e in (own, other))
         for key in sorted({*ours, *theirs} - {*_OF_OPTIMISER, *(() if ours.get("levels") else ("levels",))}):

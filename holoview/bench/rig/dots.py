@@ -297,8 +297,7 @@ def lens_array(optics: Optics, distance_m: float, carrier: tuple[float, float]) 
     y, x = (axis - own for axis, own in zip(_pixels(optics), nearest, strict=True))
     phase = -np.pi / (optics.wavelength_m * distance_m) * (y**2 + x**2)
     inside = (np.abs(y) <= aperture / 2 * pitch) & (np.abs(x) <= aperture / 2 * pitch)
-    grating = 2 * np.pi * sum(ν * axis for ν, axis in zip(carrier, _pixels(optics), strict=True))
-    levels = _levels(phase + grating, inside, optics)
+    levels = _levels(phase + _tilt(carrier, optics), inside, optics)
     centres = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 2)
     return Probes(
         levels, centres, np.tile(np.array(carrier), (len(centres), 1)), optics.dot_m(distance_m), apart * pitch
@@ -315,11 +314,17 @@ def grating(optics: Optics, carrier: tuple[float, float], part: tuple[int, int] 
     inside = np.ones(optics.shape, bool)
     for side, axis in zip(part, axes, strict=True):
         inside &= (side * axis > 0) if side else True
-    phase = 2 * np.pi * sum(ν * axis for ν, axis in zip(carrier, axes, strict=True))
+    phase = _tilt(carrier, optics)
     width = extent / (1 + np.abs(part))
     spot_m = optics.wavelength_m * abs(optics.focal_length_m) / float(width.min())
     centre = np.array(part) * extent / 4
     return Probes(_levels(phase, inside, optics), centre[None], np.array([carrier]), spot_m)
+
+
+def _tilt(carrier: tuple[float, float], optics: Optics) -> Points:
+    """The phase (y, x) of a grating of spatial frequency (y, x) in 1/m."""
+    y, x = _pixels(optics)
+    return np.asarray(2 * np.pi * (carrier[0] * y + carrier[1] * x))
 
 
 def _pixels(optics: Optics) -> tuple[Points, Points]:

@@ -97,8 +97,10 @@ def _stroke(shown: Driven) -> dict[str, Any]:
 
 def _levels(shown: Driven, meaning: str, bits: int) -> dict[str, Any]:
     """Which optical path, or amplitude, a pixel's number stands for."""
-    is_amplitude = isinstance(shown, AmplitudeModulator)
-    what, (least, most) = ("amplitude", shown.range) if is_amplitude else ("path_m", (0.0, shown.stroke_m))
+    if isinstance(shown, AmplitudeModulator):
+        what, (least, most) = "amplitude", shown.range
+    else:
+        what, least, most = "path_m", 0.0, shown.stroke_m
     if meaning == "path":
         return {"grey": [0, 2**bits - 1], what: [least, most], "between": "linear"}
     assert shown.levels is not None

@@ -606,10 +606,11 @@ class ChainPatterns:
     def displayed_drive(self) -> dict[str, Tensor]:
         """The patterns at the levels that the elements show; those that move require gradients."""
         drives = {name: drive.detach() for name, drive in self.shown().items()}
-        shown = {
-            name: drive.clone() if isinstance(element, ComplexModulator) else nearest_level(drive, element).clone()
-            for (name, drive), element in zip(drives.items(), self._elements.values(), strict=True)
-        }
+        shown = dict[str, Tensor]()
+        for (name, drive), element in zip(drives.items(), self._elements.values(), strict=True):
+            if isinstance(element, PhaseModulator | AmplitudeModulator):
+                drive = nearest_level(drive, element)
+            shown[name] = drive.clone()
         return {name: drive.requires_grad_(name in self._moved) for name, drive in shown.items()}
 
     def go_back(self, drives: Mapping[str, Tensor], factor: float) -> None:

@@ -29,7 +29,7 @@ from tests.experiment.camera_loop.conftest import BenchHere
 from tests.rig.test_chain_rig import CAMERA, COARSE, PHASE, SPACE, chain_of, write_chain_rig
 
 SCALE = 5e4
-LEAKAGE = {"effects.leakage@coarse.amplitude": 0.25}
+WRONG = {"effects.gap@space.gap_error": 3e-4, "effects.stroke@phase.stroke_error": -0.08}
 
 
 @pytest.fixture
@@ -158,16 +158,22 @@ def test_on_a_bench_as_modelled_it_does_what_the_simulation_does(rig: RigDescrip
     assert measured[-1] > measured[0]
 
 
-def test_on_a_bench_whose_black_leaks_it_gains_what_the_nominal_model_has_lost(rig: RigDescription) -> None:
-    """Lost is what a hologram of the right model has more on the bench than one of the nominal model."""
+def test_on_a_wrong_bench_it_gains_most_of_what_the_nominal_model_has_lost(rig: RigDescription) -> None:
+    """Lost is what a hologram of the right model has more on the bench than one of the nominal model.
+
+    With three draws it gained 0.79 to 0.89 of that.
+    """
     system = bench_of(rig)
-    camera = ModelCamera(system.edit(LEAKAGE), rig)
-    first, *_, last = _loop(rig, camera, 20, start=_start(system)).states()
-    assert last.best_psnr_db > first.psnr_db + 0.5
+    bench = system.edit(WRONG)
+    camera = ModelCamera(bench, rig)
+    first, *_, last = _loop(rig, camera, 30, start=_start(system, 40)).states()
+    known = next(iter(_loop(rig, camera, 1, start=_start(bench, 40)).states()))
+    assert known.psnr_db > first.psnr_db + 0.1
+    assert last.best_psnr_db > first.psnr_db + 0.5 * (known.psnr_db - first.psnr_db)
 
 
 def test_resumed_it_ends_with_the_same_bits(rig: RigDescription, tmp_path: Path) -> None:
-    bench, start = bench_of(rig).edit(LEAKAGE), _start(bench_of(rig), 3)
+    bench, start = bench_of(rig).edit(WRONG), _start(bench_of(rig), 3)
     *_, whole = _loop(rig, ModelCamera(bench, rig), 6, start=start).states()
     for state in _loop(rig, ModelCamera(bench, rig), 6, start=start).states():
         if state.iteration == 3:
