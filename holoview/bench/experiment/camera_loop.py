@@ -64,7 +64,7 @@ from holoview.holograms.optimise.settings import CAMERA_STEP_RAD, Settings
 from holoview.holograms.optimise.variables import OptimisationVariables, initial_drive
 from holoview.light.model import preset
 from holoview.light.model.drives import drive_fits
-from holoview.light.model.effects.registry import get_effect, listed_effects
+from holoview.light.model.effects.registry import effects_of, get_effect
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
@@ -487,7 +487,7 @@ def update_model(
     """
     joined = join_captures(captures)
     joined = dataclasses.replace(joined, levels_before=joined.levels)  # each settled before its picture was taken
-    candidates = [get_effect(name) for name in updates.effects] or list(listed_effects().values())
+    candidates = [get_effect(name) for name in updates.effects] or effects_of(joined.data_properties())
     found = diagnose(
         joined,
         candidates,

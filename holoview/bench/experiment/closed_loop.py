@@ -42,7 +42,7 @@ from holoview.bench.rig.devices import Devices
 from holoview.bench.rig.measurement import Measurement
 from holoview.bench.rig.open_rig import open_rig
 from holoview.light.model.effects.effect import Effect
-from holoview.light.model.effects.registry import get_effect, listed_effects
+from holoview.light.model.effects.registry import effects_of, get_effect
 from holoview.light.model.fields import Duration, Integer, Number, described_field, with_field_docs
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
@@ -380,7 +380,7 @@ def diagnose_rig(
     stated = known.added_to({})
     folder = None if save is None else loop_captures(save, read_text(file, "a rig"))
     before = [] if folder is None else folder.resume()
-    effects, planner = list(listed_effects().values()), InformedPlanner(rig)
+    effects, planner = effects_of(rig.blank_capture().data_properties()), InformedPlanner(rig)
     options |= {"known": stated, "uncertain": known.uncertain, "tell": tell, "is_asked_to_end": is_asked_to_end}
 
     def keep(number: int, capture: Captures) -> None:
