@@ -410,7 +410,13 @@ def _check_lut_light(args: argparse.Namespace, rig: RigDescription, modulator: i
 def _words(known: Mapping[str, Mapping[str, float]]) -> str:
     """Effects as options state them."""
     table = EffectTable().to_toml(EffectTable().parse(known, "known"))
-    return " ".join(f"{name}.{key}={str(x).replace(' ', '')}" for name, own in table.items() for key, x in own.items())
+    texts = [f"{name}.{key}={_told(key, x)}" for name, own in table.items() for key, x in own.items()]
+    return " ".join(f"'{text}'" if " " in text else text for text in texts)
+
+
+def _told(key: str, value: object) -> str:
+    """A value without the space before its unit; the name of an element as it is."""
+    return str(value) if key == "element" else str(value).replace(" ", "")
 
 
 def _counts(picture: Counts) -> str:

@@ -39,6 +39,7 @@ distance = "1 mm"
 kind = "amplitude"
 pitch = "32 um"
 shape = [6, 8]
+range = [0.1, 0.9]
 name = "coarse"
 """
 
@@ -56,7 +57,7 @@ def chain(holoview: Callable[..., Any], tmp_path: Path) -> Path:
 def test_a_chain_is_explained_in_the_order_of_its_light(holoview: Callable[..., Any], chain: Path) -> None:
     told = json.loads(holoview("info", "chain.toml", "--json").out)["elements, in the order of the light"]
     assert list(told) == ["1. phase", "2. space", "3. coarse"]
-    assert "sideways" in told["2. space"]
+    assert "sideways" in told["2. space"] and "amplitude 0.1 to 0.9" in told["3. coarse"]
     left = json.loads(holoview("info", "chain.safetensors", "--json").out)["light_behind"]
     assert left["phase"] == pytest.approx(1.0, rel=1e-6)
     assert left["phase"] > left["before coarse"] > left["coarse"] > 0
@@ -89,7 +90,8 @@ def test_patterns_are_exported_by_the_names_of_the_elements(
         assert file["file"] == f"{file['element']}.{form}" and pixels.shape == (file["rows"], file["columns"])
         assert hashlib.sha256((folder / file["file"]).read_bytes()).hexdigest() == file["sha256"]
         assert np.array_equal(pixels, np.rint(drive * 255).astype(np.uint8))
-        assert of["grey"] == [0, 255] and of.get("amplitude", of.get("path_m"))[1] == of.get("stroke_m", 1.0)
+        assert of["grey"] == [0, 255] and of.get("amplitude", of.get("path_m"))[1] == of.get("stroke_m", 0.9)
+    assert said["coarse"]["amplitude"] == [0.1, 0.9]
     shown = np.asarray(Image.open(folder / table["test_pattern"]["file"]))
     assert np.array_equal(shown, signal_pattern(made.drive["phase"][0].shape, 8))
 

@@ -88,7 +88,7 @@ def every_kind(mask_file: str) -> tuple[dict[str, Any], ...]:
         {"kind": "mask", "pitch": 4 * UM, "file": mask_file},
         {"kind": "lens", "focal_length": 20 * MM},
         {"kind": "space", "distance": 2 * MM},
-        {"kind": "amplitude", "pitch": 24 * UM, "shape": (8, 8), "offset": [0.0, 24 * UM], "name": "coarse"},
+        pixels("amplitude", pitch=24 * UM, shape=(8, 8), offset=[0.0, 24 * UM], range=[0.2, 0.9], name="coarse"),
         {"kind": "fourier", "focal_length": 2 * MM},
         pixels("amplitude", levels=2, name="binary"),
         {"kind": "space", "iris_na": 0.035},
@@ -107,7 +107,7 @@ def independent_plane(system: System, drive: dict[str, NDArray[Any]], mask: NDAr
     u = u * on_samples(np.exp(2j * np.pi * mask[0] / λ) * mask[1], 1, field)
     r2 = (middle(field[0])[:, None] ** 2 + middle(field[1])[None, :] ** 2) * DX**2
     u = through_space(u * np.exp(-1j * np.pi * r2 / (λ * 20 * MM)), 2 * MM, λ)
-    u = u * on_samples(drive["coarse"][0], 6, field, (0, 6))
+    u = u * on_samples(0.2 + 0.7 * drive["coarse"][0], 6, field, (0, 6))
     u = fourier_plane(u, 2 * MM, λ) * on_samples(np.rint(drive["binary"][0]), 2, field)
     return through_space(u, 3 * MM, λ, na=0.035)
 

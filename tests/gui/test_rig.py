@@ -18,6 +18,7 @@ from holoview.viewer.document.rig_session import RigSession
 from tests.experiment.live.fake_bench import FakeBench, write_rig
 from tests.gui.conftest import Gui
 from tests.patience import wait_until
+from tests.rig.test_chain_rig import write_chain_rig
 
 pytestmark = pytest.mark.gpu
 
@@ -94,6 +95,22 @@ def test_the_camera_of_a_virtual_bench_is_shown_beside_its_prediction(
     shown.gui.draw_frames(2)
     pixels = view.picture.shown.pixels().astype(float)
     assert pixels[pixels.shape[0] // 2].mean() > 150  # differences of noise alone are pale
+
+
+def test_a_chains_rig_takes_the_documents_patterns_once_its_bench_is_taken(
+    make_gui: Callable[..., Gui], tmp_path: Path
+) -> None:
+    shown = RigGui(make_gui(size=SIZE, panels=PANELS), write_chain_rig(tmp_path, {"virtual": {"seed": 3}}), None)
+    shown.open()
+    controls = shown.gui.app.panel(RigPanel).controls
+    shown.gui.context.attempt(controls.patterns.send_drive, shown.gui.context)
+    assert "take the bench of the rig" in shown.gui.session.messages.all[-1].text
+    controls.patterns.take_bench(shown.gui.context)
+    assert shown.gui.session.system.drive_shapes == {"phase": (1, 24, 32), "coarse": (1, 12, 16)}
+    controls.patterns.send_drive(shown.gui.context)
+    shown.click("move", "laser 638 nm")
+    found = shown.rig.view.prediction
+    assert found is not None and found.chi2 < 1.5
 
 
 def test_the_key_switches_the_lasers_off_while_the_camera_hangs_and_text_is_typed(rig_gui: RigGui) -> None:

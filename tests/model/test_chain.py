@@ -55,6 +55,12 @@ CANNOT_BE: dict[str, tuple[tuple[Any, ...], dict[str, Any], tuple[str, ...]]] = 
         {},
         ("elements.mask.pitch: 3 um", "a whole multiple of the sample, 4 um", "upsample = 8 would fit"),
     ),
+    "a range that falls": (
+        (AMPLITUDE | {"range": [0.9, 0.1]},),
+        {},
+        ("elements[0].range: 0.9 to 0.1", "two amplitudes from 0 to 1, the lower one first"),
+    ),
+    "an amplitude above 1": ((AMPLITUDE | {"range": [0.0, 1.2]},), {}, ("elements[0].range: [0.0, 1.2]",)),
     "a pitch that nothing fits": (
         (PHASE, MASK | {"pitch": 3.1 * UM}),
         {},

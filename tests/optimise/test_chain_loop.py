@@ -43,7 +43,7 @@ _CHAINS = {
     "phase and amplitude": (
         _pixels("phase", stroke=800 * NM),
         _SPACE,
-        _pixels("amplitude", pitch=16 * UM, shape=(8, 10)),
+        _pixels("amplitude", pitch=16 * UM, shape=(8, 10), range=[0.1, 0.9]),
     ),
     "complex, and a phase that all frames share": (
         _pixels("complex", stroke=600 * NM),

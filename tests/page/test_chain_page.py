@@ -60,7 +60,7 @@ def every_kind(rng: np.random.Generator, mask: Path) -> System:
         {"kind": "mask", "pitch": 4 * UM, "file": str(mask)},
         {"kind": "lens", "focal_length": rng.uniform(15, 40) * MM, "abbe": 40.0},
         {"kind": "space", "name": "way 2", "distance": rng.uniform(1, 2) * MM},
-        pixels("amplitude", pitch=24 * UM, shape=(8, 8), offset=[0.0, 24 * UM], name="coarse"),
+        pixels("amplitude", pitch=24 * UM, shape=(8, 8), offset=[0.0, 24 * UM], range=[0.3, 1.0], name="coarse"),
         {"kind": "fourier", "focal_length": rng.uniform(2.33, 2.44) * MM},
         pixels("amplitude", levels=2, name="binary", shared=True),
         {"kind": "mask", "pitch": 8 * UM, "shape": (30, 24), "pattern": "grating", "period": 64 * UM, "name": "grid"},

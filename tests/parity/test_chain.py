@@ -54,7 +54,7 @@ CHAINS: dict[str, list[dict[str, Any]]] = {
         _MASK | {"beside": "one", "seed": 2},
     ],
     "a modulator beside a mask": [_MASK | {"name": "still"}, _pixels("phase", stroke=800 * NM, beside="still")],
-    "binary": [_pixels("amplitude", levels=2)],
+    "binary": [_pixels("amplitude", levels=2, range=[0.1, 0.9])],
     "lens and fourier": [
         _pixels("phase", stroke=800 * NM),
         {"kind": "lens", "focal_length": 20 * MM},

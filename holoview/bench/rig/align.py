@@ -249,9 +249,7 @@ class _Alignment:
             return 0.0
         return 0.5 * self._picture(number, flat_levels(self._optics[number]), f"{self._words[number]} flat")
 
-    def _shot(
-        self, number: int, setting: float, probes: Probes, values: Floats, beside: Floats | float
-    ) -> DotPicture:
+    def _shot(self, number: int, setting: float, probes: Probes, values: Floats, beside: Floats | float) -> DotPicture:
         """Shows one pattern and finds its dots, without the light beside."""
         picture = self._picture(number, probes.levels, f"dots of {self._words[number]}") - beside
         facts, pitch = self._facts, float(np.exp(values[NAMES.index("log_pitch")]))

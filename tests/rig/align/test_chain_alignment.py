@@ -11,9 +11,12 @@ import tomli_w
 from holoview.bench.captures.dataset import oriented_shape
 from holoview.bench.rig import RigDescription, read_rig
 from holoview.bench.rig.align import find_geometry, registration_of, sentences
+from holoview.bench.rig.registration import read_registration, registration_path, write_registration
+from holoview.commands.cli import main
 from holoview.light.model import preset
 from holoview.light.model.effects.registry import EffectTable
 from holoview.light.model.system import System
+from holoview.util.errors import UserError
 from tests.rig.align.hidden_bench import devices_of, found_values
 from tests.rig.align.test_alignment import DEVIATIONS
 
@@ -112,3 +115,63 @@ def test_a_hidden_placement_is_found_through_the_other_elements(name: str, tmp_p
         assert abs(value - expected[key]) < DEVIATIONS * uncertainty, (key, value, expected[key], uncertainty)
     told = " ".join(sentences(registration))
     assert "modulator 1" not in told and registration.elements[0] in told
+
+
+def test_the_command_writes_what_the_next_commands_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The known effects are told by the elements' names; the file survives being written again."""
+    hidden, _ = hidden_in("side by side")
+    elements = [FINE | {"name": "arm 1"}, FINE | {"name": "second", "beside": "arm 1"}]
+    write(tmp_path, elements, hidden)
+    monkeypatch.chdir(tmp_path)
+    assert main(["rig", "align", "rig.toml", "--no-check"]) == 0
+    told = capsys.readouterr().out
+    assert "What second displays is" in told and "misplaced.element=second" in told
+    file = registration_path(tmp_path / "rig.toml")
+    registration = read_registration(file)
+    assert registration.elements == ("arm 1", "second")
+    assert {"camera_alignment", "misplaced@second"} <= registration.known_effects().keys()
+    assert "misplaced@second" in registration.uncertain_effects()
+    write_registration(tmp_path / "again.toml", registration)
+    assert (tmp_path / "again.toml").read_bytes() == file.read_bytes()
+    rig = read_rig(tmp_path / "rig.toml")
+    assert rig.registration == registration and rig.camera_shape == registration.shape
+    write(tmp_path, [elements[0], elements[1] | {"name": "third"}])
+    with pytest.raises(UserError, match=r"found_for.elements: .*run `holoview rig align` again"):
+        read_rig(tmp_path / "rig.toml")
+
+
+def test_the_records_of_an_aligned_chain_are_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, CHAINS["before amplitude"], hidden_in("before amplitude")[0])
+    monkeypatch.chdir(tmp_path)
+    assert main(["rig", "align", "rig.toml"]) == 0
+    told = capsys.readouterr()
+    assert "records: " in told.out and "would be wrong" not in told.err
+
+
+@pytest.mark.parametrize(
+    ("elements", "said"),
+    [
+        ([FINE, space(1), MASK], "glass, of kind mask; expected dots that no speckle hides"),
+        ([FINE, space(1), LENS, space(1), COARSE], "a lens behind phase; expected spaces and Fourier elements"),
+        ([FINE, space(1), FINE, space(1), WIDE], "make dots; expected at most two modulators"),
+        ([FINE, fourier("there"), WIDE], "before and behind a Fourier element; expected modulators that the camera"),
+        ([FINE | {"shape": [16, 48]}, space(1), COARSE], "phase of 16 pixels; expected 24 or more"),
+    ],
+)
+def test_what_makes_no_dots_is_refused_with_its_reason(
+    elements: list[dict[str, Any]],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write(tmp_path, elements)
+    monkeypatch.chdir(tmp_path)
+    assert main(["rig", "align", "rig.toml"]) == 2
+    told = capsys.readouterr().err
+    assert said in told and len(told.strip().splitlines()) == 1
+    assert not registration_path(tmp_path / "rig.toml").exists()

@@ -76,7 +76,8 @@ class VirtualBenchLink:
 class VirtualSLM(SLM):  # type: ignore[misc]
     """A modulator of a virtual bench. It switches a laser on, and off when it is closed.
 
-    rig: rig.toml. number: from 1, of a chain in the order of its elements that show patterns. wavelength_nm: of the laser; None: the shortest. power: relative, within the limits.
+    rig: rig.toml. number: from 1, of a chain in the order of its elements that show patterns. wavelength_nm: of the
+    laser; None: the shortest. power: relative, within the limits.
     address, token: of a bench that runs; None starts one, which the SLM's own address and token then name.
     live: whether time on the bench goes on between calls.
 
