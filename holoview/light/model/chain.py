@@ -39,8 +39,8 @@ from holoview.util.errors import UserError
 ONLY_SHORT_FORM = "one or two phase modulators of equal pitch and shape"
 _REMEDY = (
     "of a chain there are `holoview info`, `render`, `contrast`, `report`, `point`, `optimise`, `sweep`, `captures`, "
-    "`diagnose`, `calibrate`, `measure`, `bench`, pages, the window; all else takes the field of its hologram, which "
-    "`holoview export --field` writes"
+    "`diagnose`, `calibrate`, `rig`, `measure`, `bench`, pages, the window; all else takes the field of its hologram, "
+    "which `holoview export --field` writes"
 )
 _WHOLE = 1e-6  # of a sample: what is a whole multiple of it
 _MOST_UPSAMPLE = 16
