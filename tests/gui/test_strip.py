@@ -79,6 +79,22 @@ def test_an_element_is_chosen_by_a_click_and_its_keys_are_edited_with_undo(gui: 
     assert gui.session.system == before
 
 
+def test_the_range_of_an_amplitude_modulator_is_typed(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(chain(), (1500, 800), panels=_PANELS)
+    gui.context.commands.run("Draw the bench")
+    gui.draw_until_idle()
+    gui.click(place(gui, "coarse"))
+    gui.draw_until_idle()
+    for typed, found in (("0.1, 0.9", (0.1, 0.9)), ("0.9, 0.1", (0.1, 0.9)), ("x", (0.1, 0.9))):
+        gui.click(gui.item_position("elements.coarse.range"))
+        gui.press_chord("Ctrl+A")
+        gui.type_text(typed)
+        gui.press_chord("Enter")
+        gui.draw_until_idle()
+        assert gui.session.system.elements[2].range == found
+    assert "elements.coarse.range" in gui.session.messages.all[-1].text
+
+
 def test_a_length_is_dragged_in_one_step_of_undo(gui: Gui) -> None:
     name = names(gui)[1]
     before = gui.session.system

@@ -277,6 +277,9 @@ def _entered_lengths(name: str, item: Number, value: Iterable[float], doc: str) 
 
 
 def _places(name: str, kind: Several, value: tuple[float, ...], doc: str) -> WidgetEdit | None:
+    if not kind.item.unit:
+        numbers = _entered(name, ", ".join(f"{x:g}" for x in value), doc)
+        return None if numbers is None else WidgetEdit(", ".join(numbers), False)
     lengths = _entered_lengths(name, kind.item, value, f"{doc} Down, right.")
     return None if lengths is None else WidgetEdit(lengths, False)
 
