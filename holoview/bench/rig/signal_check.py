@@ -24,6 +24,7 @@ from holoview.bench.rig.align import laser_for_alignment
 from holoview.bench.rig.camera_pictures import take_exposed
 from holoview.bench.rig.description import RigDescription
 from holoview.bench.rig.devices import Devices
+from holoview.bench.rig.rays import way_to_camera
 from holoview.light.model.elements import AmplitudeModulator, PhaseModulator, Space
 from holoview.util.progress import ProgressCallback, no_progress
 
@@ -108,16 +109,6 @@ def _hidden_in_chain(rig: RigDescription, name: str) -> str:
     return ""
 
 
-def _before_m(rig: RigDescription, number: int) -> float:
-    """How far a modulator stands before where distances to the camera are measured from, m."""
-    chain = rig.bench.chain
-    if chain is None:
-        return (rig.bench.gap_m or 0.0) if number + 1 < len(rig.bench.slms) else 0.0
-    index = chain.element_names.index(rig.modulator_names[number])
-    spaces = [e.distance_m or 0.0 for e in chain.elements[index:] if isinstance(e, Space)]
-    return math.fsum(spaces) - chain.way.behind_m
-
-
 class _Check:
     """The check of one modulator; the others are flat and transparent."""
 
@@ -164,7 +155,8 @@ class _Check:
         rig = self._rig
         near, far = self._devices.stage.range_m
         places = np.linspace(near, far, _PLACES)
-        before, columns = _before_m(rig, self._number), rig.slm_shapes[self._number][1]
+        before = way_to_camera(rig, self._number, self._wavelength_m).matrix(0.0)[1]  # spaces alone stand behind it
+        columns = rig.slm_shapes[self._number][1]
         best = (-1.0, _PERIODS_PX[0], float(near))
         for period in _PERIODS_PX:
             width_m = period * self._slm.pitch_m
