@@ -359,7 +359,7 @@ def _slm_number(text: str, rig: RigDescription) -> int:
     for known in (names, numbers):
         if text in known:
             return known.index(text)
-    raise UserError("--slm", text, expected=", ".join(names) if rig.bench.chain else f"1 … {len(names)}")
+    raise UserError("--slm", text, expected=f"1 … {len(names)}" if rig.bench.chain is None else ", ".join(names))
 
 
 def _lut_plan(args: argparse.Namespace, rig: RigDescription) -> SweepPlan:

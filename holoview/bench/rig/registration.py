@@ -176,7 +176,8 @@ def read_registration(path: Path) -> Registration:
             raise UserError(f"{where}: {key}", "is missing", expected=f"a table [{key}]", remedy=_REMEDY)
     turned, found_for = tables["turned"], tables["found_for"]
     two, elements = found_for.get("modulators") == 2, found_for.get("elements", [])
-    if not (isinstance(elements, list) and all(isinstance(name, str) for name in elements)):
+    counts = (0, 2, 3) if two else (0, 1)
+    if not (isinstance(elements, list) and all(isinstance(n, str) for n in elements) and len(elements) in counts):
         raise UserError(f"{where}: found_for.elements", f"{elements!r}", expected="names of elements", remedy=_REMEDY)
     registration = Registration(
         camera_turn=_turn(turned, "camera", where),

@@ -43,6 +43,7 @@ CHAINS: dict[str, list[dict[str, Any]]] = {
     "amplitude": [SHOWN],
     "binary": [SHOWN | {"levels": 2}],
     "imaged": [FINE, fourier("there"), SHOWN, fourier("back")],
+    "before a Fourier plane": [FINE, fourier("there")],
 }
 CAMERA = {"shift_y": 14e-6, "shift_x": -9e-6, "rotation": 8e-3, "magnification": 0.02}
 MOVED = {"shift_y": 6e-6, "shift_x": -11e-6, "rotation": 4e-3}
@@ -137,6 +138,11 @@ def test_the_command_writes_what_the_next_commands_take(
     assert (tmp_path / "again.toml").read_bytes() == file.read_bytes()
     rig = read_rig(tmp_path / "rig.toml")
     assert rig.registration == registration and rig.camera_shape == registration.shape
+    text = file.read_text(encoding="utf-8")
+    for wrong in ("3", '["arm 1"]', "[1, 2]", '["a", "b", "c", "d"]'):
+        (tmp_path / "wrong.toml").write_text(text.replace('["arm 1", "second"]', wrong), encoding="utf-8")
+        with pytest.raises(UserError, match=r"wrong.toml: found_for.elements: .*expected names of elements"):
+            read_registration(tmp_path / "wrong.toml")
     write(tmp_path, [elements[0], elements[1] | {"name": "third"}])
     with pytest.raises(UserError, match=r"found_for.elements: .*run `holoview rig align` again"):
         read_rig(tmp_path / "rig.toml")

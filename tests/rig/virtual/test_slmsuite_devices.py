@@ -25,6 +25,7 @@ from holoview.bench.rig.devices import DeviceError
 from holoview.bench.rig.virtual.client import VirtualBenchProcess
 from holoview.bench.rig.virtual.slmsuite_devices import VirtualCamera, VirtualSLM
 from holoview.util.errors import UserError
+from tests.rig.test_chain_rig import write_chain_rig
 
 WAVELENGTH_M, FOCAL_LENGTH_M, SIDE, PITCH_M = 520e-9, 60e-3, 128, 16e-6
 TIME_CONSTANT_S = 0.05
@@ -283,3 +284,17 @@ def test_exposures_stay_within_the_safety_limits(bench: tuple[Path, VirtualBench
     with pytest.raises(UserError, match="exposure: 3 s"):
         camera._set_exposure_hw(3.0)
     camera.close()
+
+
+def test_phase_modulators_of_a_chain_are_slmsuites_and_those_of_amplitude_are_not(tmp_path: Path) -> None:
+    file = write_chain_rig(tmp_path, {"virtual": {"seed": 3}})
+    slm = VirtualSLM(file, live=False)
+    camera = VirtualCamera(file, address=slm.address, token=slm.token, live=False)
+    with closing(slm), closing(camera):
+        assert tuple(slm.shape) == (24, 32) and slm.name == "virtual phase"
+        camera.set_exposure(1e-3)
+        slm.set_phase(np.linspace(0, np.pi, 32)[None, :] * np.ones((24, 1)))
+        slm.wait(1.0)
+        assert camera.get_image().max() > 100
+    with pytest.raises(UserError, match="coarse: an amplitude modulator; expected a phase modulator"):
+        VirtualSLM(file, number=2, live=False)

@@ -81,6 +81,7 @@ class VirtualSLM(SLM):  # type: ignore[misc]
     address, token: of a bench that runs; None starts one, which the SLM's own address and token then name.
     live: whether time on the bench goes on between calls.
 
+    The amplitude modulators of a chain let the light through.
     A phase is shown as the optical path that delays the light by so much: `gamma` is the nominal response of rig.toml.
     """
 
@@ -114,6 +115,9 @@ class VirtualSLM(SLM):  # type: ignore[misc]
             where = f"{rig}: {name}.num_levels"
             raise UserError(where, f"{slm.num_levels}", expected="a power of two, which slmsuite's modulators have")
         self._link.ask({"do": "laser", "wavelength": self._wavelength_m, "power": power})
+        for k, (own, clear) in enumerate(zip(facts.bench.slms, facts.clear_levels, strict=True)):
+            if not own.opd_range_m:
+                self._link.ask({"do": "show", "slm": k}, clear)
         super().__init__(
             facts.slm_shapes[self._number][::-1],
             bitdepth=bits,
