@@ -23,6 +23,7 @@ from holoview.bench.diagnose.report.error_places import (
     FreeSource,
     ShownMap,
     _free_maps_of_chain,
+    fit_free_maps,
     likely_fits,
     placed_map,
     suggest_for,
@@ -30,6 +31,7 @@ from holoview.bench.diagnose.report.error_places import (
 from holoview.light.model.effects.hook_contexts import RelayContext
 from holoview.light.model.effects.registry import get_effect
 from holoview.light.model.system import System
+from tests.diagnose.conftest import make_context_of, small_system
 
 MAPS = [
     FreeSource(),
@@ -136,6 +138,17 @@ def test_maps_of_a_chain_lie_over_the_pixels_of_their_element(of_chain: Captures
     assert placed_map(surface, "source", of_chain).extent == (-0.5, 39.5, 31.5, -0.5)
     assert {placed_map(surface, name, of_chain).axis for name in ("space1", "the way to the planes")} == {"pupil radii"}
     assert placed_map(surface, "camera", of_chain).axis == "camera pixels"
+
+
+def test_maps_end_with_their_time_each_after_a_step() -> None:
+    """Without any time each place still has a step, which lowers what is left; it says that it was ended."""
+    hidden = {"slm_flatness": {"z5_1": 60e-9}}
+    captures = make_captures(small_system(1), hidden, AcquisitionSettings(captures_per_condition=6, seed=2))
+    context = make_context_of(captures)
+    held_out = context.model_weighted_comparison(context.split.held_out, {})
+    fits = fit_free_maps(context, {}, held_out, most_s=0.0)
+    assert len(fits) == 4 and all(fit.was_ended for fit in fits) and fits[0].share > 0.0
+    assert not any(fit.was_ended for fit in fit_free_maps(context, {}, held_out))
 
 
 def test_the_place_in_a_chain_of_what_no_effect_describes_is_told() -> None:

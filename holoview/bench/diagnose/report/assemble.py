@@ -45,6 +45,10 @@ _FEWER_PROFILES = (
     "The time was over: intervals that weren't yet widened to where χ² rises follow from derivatives alone, and may be "
     "too narrow."
 )
+_SHORT_MAPS = "The time was short for the places where what is left lives: with more, they may explain more of it."
+_MAPS_SHARE = 0.3
+"""[1] Of the time of a search, which the fits of free maps may take behind it. Evidence: a reason: it is told as a
+little longer."""
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
@@ -80,6 +84,8 @@ def assemble(
     roughness = pattern_roughness(captures)
     is_open = decision.verdict in _OPEN and after.chi2_per_pixel > context.config.verdict.explained_chi2
     pixels = find_pixel_maps(outcome.searched, values) if free_maps and is_open else ()
+    maps = _free_maps(outcome, progress, end.time_s) if free_maps and is_open else ()
+    short = [_SHORT_MAPS] if any(fit.was_ended for fit in maps) else []
     changing = [] if of_one_picture else flicker_notes(outcome.searched, values, pixels)
     return Diagnosis(
         verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
@@ -89,7 +95,7 @@ def assemble(
         values=values if law is None else values | law.values,
         rivals=_rivals(outcome),
         unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
-        free_maps=_free_maps(outcome, progress) if free_maps and is_open else (),
+        free_maps=maps,
         pixel_maps=pixels,
         groups=held_out_groups(captures, comparison, nominal, best),
         candidates=tuple(CandidateResult(c.causes, c.chi2_per_pixel) for c in result.candidates),
@@ -102,7 +108,7 @@ def assemble(
         gain_spread=gain_spread(context.kept_captures, gain),
         captures=len(captures),
         bad_captures=outcome.bad_captures,
-        notes=(*notes, *outcome.notes, *line_notes(pixels), *changing),
+        notes=(*notes, *outcome.notes, *short, *line_notes(pixels), *changing),
         seconds=math.nan,
     )
 
@@ -147,11 +153,12 @@ def _power_law(context: SearchContext, gain: NDArray[np.float64]) -> PowerLawFit
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.spread_after, default=None)
 
 
-def _free_maps(outcome: SearchOutcome, progress: ProgressCallback) -> tuple[FreeMapFit, ...]:
-    """The places of an error that no effect explains, with maps that are free there."""
+def _free_maps(outcome: SearchOutcome, progress: ProgressCallback, most_s: float) -> tuple[FreeMapFit, ...]:
+    """The places of an error that no effect explains, with maps that are free there. most_s: time of the search."""
     context, values = outcome.searched, outcome.decision.values
     progress(0, 1, "free maps at every place")
     held_out = outcome.result.comparison
     if context is not outcome.context:
         held_out = context.model_weighted_comparison(context.split.held_out, values)
-    return likely_fits(fit_free_maps(context, {name: dict(own) for name, own in values.items()}, held_out))
+    base = {name: dict(own) for name, own in values.items()}
+    return likely_fits(fit_free_maps(context, base, held_out, _MAPS_SHARE * most_s))

@@ -13,6 +13,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -247,17 +248,27 @@ class FreeCamera(FreeMaps):
 
 @dataclass(frozen=True)
 class FreeMapFit:
-    """A place, the share of the excess on held-out captures that maps there explain, 0 … 1, and the maps."""
+    """A place, the share of the excess on held-out captures that maps there explain, 0 … 1, and the maps.
+
+    was_ended: before the fit had converged, because its time was over.
+    """
 
     location: str
     share: float
     maps: tuple[ShownMap, ...] = ()
+    was_ended: bool = False
 
 
-def fit_free_maps(context: SearchContext, base: FittedValues, comparison: Comparison) -> list[FreeMapFit]:
-    """Every place with its maps fitted on top of `base`, the largest share first. comparison: held-out captures."""
-    chi2 = comparison.chi2_per_pixel(base)
-    jobs = [partial(_fit_free_map, context, base, comparison, effect, chi2) for effect in _free_map_effects(context)]
+def fit_free_maps(
+    context: SearchContext, base: FittedValues, comparison: Comparison, most_s: float = math.inf
+) -> list[FreeMapFit]:
+    """Every place with its maps fitted on top of `base`, the largest share first. comparison: held-out captures.
+
+    most_s: seconds for all places, of which each has as many.
+    """
+    chi2, effects = comparison.chi2_per_pixel(base), list(_free_map_effects(context))
+    most_s *= context.workers.workers / len(effects)
+    jobs = [partial(_fit_free_map, context, base, comparison, effect, chi2, most_s) for effect in effects]
     return sorted(context.run_parallel(jobs), key=lambda fit: -fit.share)
 
 
@@ -298,9 +309,11 @@ def _free_maps_of_chain(chain: System) -> Iterator[FreeMaps]:
 
 
 def _fit_free_map(
-    context: SearchContext, base: FittedValues, held_out: Comparison, effect: FreeMaps, base_chi2: float
+    context: SearchContext, base: FittedValues, held_out: Comparison, effect: FreeMaps, base_chi2: float, most_s: float
 ) -> FreeMapFit:
-    """Maps at one place, fitted to the fine captures. base_chi2: χ²/n of the held-out captures without them."""
+    """Maps at one place, fitted to the fine captures. base_chi2: χ²/n of the held-out captures without them. most_s:
+    seconds after which no other step is made."""
+    until = time.monotonic() + most_s
     predictor = context.predictor.create(extra_effects=[effect])
     values: FittedValues = {**base, effect.id: {"on": 1.0}}
     fitted = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
@@ -310,12 +323,20 @@ def _fit_free_map(
         jac=True,
         method="L-BFGS-B",
         options={"maxiter": ITERATIONS},
+        callback=partial(_stop_after, until),
     )
     effect.set_from_vector(solution.x)
     chi2 = held_out.with_predictor(predictor).chi2_per_pixel(values)
     share = (base_chi2 - chi2) / max(base_chi2 - 1.0, 1e-9)
     shown = tuple(placed_map(one, effect.acts_on[0], context.data.captures) for one in effect.shown_maps())
-    return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)), shown)
+    was_ended = time.monotonic() > until and solution.nit < ITERATIONS
+    return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)), shown, was_ended)
+
+
+def _stop_after(until: float, _: NDArray[np.float64]) -> None:
+    """Ends a minimisation after its step, once the time is over."""
+    if time.monotonic() > until:
+        raise StopIteration
 
 
 def placed_map(shown: ShownMap, location: str, captures: Captures) -> ShownMap:
