@@ -40,6 +40,7 @@ help:
 
 demo: .venv/holoview.stamp
 	@bash .ci/adapter
+	@bash .ci/fonts
 	@$(BIN)/holoview demo -o $(OUT) $(if $(ITERATIONS),--iterations $(ITERATIONS))
 
 test: lint

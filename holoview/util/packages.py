@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
-from collections.abc import Callable
+import os
+import sys
+from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
@@ -77,6 +80,25 @@ def compiled(function: Any) -> Any:
         return numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=set(REORDERED))(function)
     finally:
         numba.config.CACHE_DIR = before
+
+
+def load_libraries(package: str, names: Sequence[str]) -> None:
+    """Loads shared libraries of a package, of which `import` then finds most of its work done; those that there are.
+
+    Importing a library holds Python's lock while the system loads it, tenths of a second of torch's, for which a window
+    would stand still. Here the system is called without the lock; on Windows, which has another call, nothing is done.
+
+    names: without their folder, `package/lib`, and without suffix.
+    """
+    spec = importlib.util.find_spec(package)
+    if sys.platform == "win32" or spec is None or spec.origin is None or package in sys.modules:
+        return
+    system = ctypes.CDLL(None)
+    system.dlopen.argtypes, system.dlopen.restype = (ctypes.c_char_p, ctypes.c_int), ctypes.c_void_p
+    for name in names:
+        path = Path(spec.origin).parent / "lib" / f"{name}{'.dylib' if sys.platform == 'darwin' else '.so'}"
+        if path.exists():
+            system.dlopen(os.fsencode(path), os.RTLD_NOW)
 
 
 def run_python_file(file: Path, name: str, find: Callable[[ModuleType], T], *, expected: str = "a Python file") -> T:

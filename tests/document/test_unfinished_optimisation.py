@@ -20,9 +20,17 @@ from holoview.util.errors import UserError
 from holoview.viewer.document.archive import SESSION_FILE
 from holoview.viewer.document.document import Document
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.optimisation_job import UnfinishedOptimisation, read_rest, running_optimisation
+from holoview.viewer.document.file_loader import target_from_pixels
+from holoview.viewer.document.optimisation_job import (
+    OptimisationRequest,
+    UnfinishedOptimisation,
+    read_rest,
+    running_optimisation,
+    start_optimisation,
+)
 from holoview.viewer.document.session_store import SessionStore
 from tests.child_process import child_process
+from tests.document.conftest import small_system
 from tests.patience import PATIENCE_S
 
 ITERATIONS = 400
@@ -121,3 +129,22 @@ def test_the_rest_of_an_optimisation_is_read_as_it_was_written(pupils: str, sess
     assert (rest.only_plane_m, rest.device, rest.compares_fields, rest.done) == (0.01, "cpu", True, 7)
     assert rest.eyes == OptimisedEyes.from_text(pupils or None, "ignore")
     assert read_rest(UnfinishedOptimisation(session.document, rest).rest_table()) == rest
+
+
+def test_a_window_that_is_closed_keeps_the_best_patterns_so_far(tmp_path: Path) -> None:
+    """Also where the optimisation is all that was done: its session isn't deleted as one without edits is."""
+    store = SessionStore(tmp_path)
+    session = EditingSession(small_system(), seed=7, target_spec=target_from_pixels(np.full((4, 4, 3), 90, np.uint8)))
+    autosave = store.start_autosave(session)
+    job = start_optimisation(session, OptimisationRequest(Settings(iterations=100_000, seed=3), preview_every=1))
+    while session.preview_document is None:
+        assert job.is_active
+        session.wait_until_idle(0.05)
+    assert len(session.history) == 1 and not session.can_look_back
+    best = session.preview_document
+    assert autosave.close() is None
+    session.close()
+    saved = store.last_session()
+    assert saved is not None
+    kept = saved.restore().snapshots["Unfinished optimisation"]
+    assert np.array_equal(np.asarray(kept.drive), np.asarray(best.drive))

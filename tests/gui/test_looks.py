@@ -15,9 +15,12 @@ import holoview
 from holoview.commands import cli
 from holoview.util.errors import UserError
 from holoview.viewer.app import theme
+from holoview.viewer.app.fonts import advice, fonts_of_scripts, missing_packages
+from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.script import run_script
 from holoview.viewer.document.session_store import SessionStore
 from tests.gui.conftest import Gui
+from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
 
@@ -90,12 +93,47 @@ def test_names_are_drawn_by_the_fonts_that_the_machine_has(tmp_path: Path) -> No
         (tmp_path / "truetype").mkdir(exist_ok=True)
         (tmp_path / "truetype" / name).write_bytes(b"ttcf")
     (tmp_path / "truetype" / "Symbola.ttf").write_bytes(b"no font")
-    found = [path.name for path in theme.fonts_of_scripts([tmp_path / "missing", tmp_path])]
-    assert found == ["NotoSansCJK-Regular.ttc", "DejaVuSans.ttf"]
+    folders = [tmp_path / "missing", tmp_path]
+    assert [path.name for path in fonts_of_scripts(folders)] == ["NotoSansCJK-Regular.ttc", "DejaVuSans.ttf"]
+    assert missing_packages(folders) == ["fonts-symbola"], "its file is no font"
+    assert missing_packages([tmp_path / "missing"]) == ["fonts-droid-fallback", "fonts-symbola"]
+
+
+def test_what_to_install_is_said_for_the_scripts_of_a_name() -> None:
+    assert advice("ԱႠא") == advice("") == ""
+    names = (("日本語", "droid", "symbola"), ("한국어", "droid", "symbola"), ("🦊", "symbola", "droid"))
+    for name, package, other in names:
+        assert f"fonts-{package}" in advice(name) and other not in advice(name)
+    assert "fonts-droid-fallback fonts-symbola" in advice("🦊 全息图")
+
+
+def test_the_viewer_says_once_what_to_install_for_a_name_that_it_cant_draw(
+    make_gui: Callable[..., Gui], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(theme, "fonts_of_scripts", list)
+    gui = make_gui()
+    system = gui.session.system
+    for name in ("全息图.safetensors", "ホログラム.safetensors"):
+        holoview.Hologram(holoview.random_drive(system), system).save(tmp_path / name)
+        gui.context.loader.open(tmp_path / name)
+        assert gui.session.wait_until_idle(PATIENCE_S)
+        gui.draw_until_idle()
+    told = [message.text for message in gui.session.messages.all if "fonts-droid-fallback" in message.text]
+    assert len(told) == 1 and "fonts-symbola" not in told[0]
+    dialog = gui.app.panel(FilesPanel).dialog
+    dialog.list_folder(tmp_path)
+    assert dialog.advice == told[0]
+
+
+def test_names_that_are_drawn_need_no_advice(gui: Gui, tmp_path: Path) -> None:
+    dialog = gui.app.panel(FilesPanel).dialog
+    (tmp_path / "Größe µ ελλ Привет.png").touch()
+    dialog.list_folder(tmp_path)
+    assert dialog.advice == ""
 
 
 def test_a_script_that_a_font_of_the_machine_has_is_drawn(gui: Gui) -> None:
-    if not any(path.name == "DejaVuSans.ttf" for path in theme.fonts_of_scripts()):
+    if not any(path.name == "DejaVuSans.ttf" for path in fonts_of_scripts()):
         pytest.skip("this machine has no DejaVu Sans")
     font = imgui.get_io().fonts.fonts[0]
     assert all(font.is_glyph_in_font(ord(sign)) for sign in "ԱႠא")

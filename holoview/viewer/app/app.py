@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Any, TypeVar
 
 from imgui_bundle import hello_imgui, imgui
@@ -19,6 +20,7 @@ from holoview.light.gpu.device import Device
 from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.util.mailbox import are_same
+from holoview.util.processes import PREFIX
 from holoview.util.text import printable
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext, Command, Rect
@@ -34,11 +36,13 @@ from holoview.viewer.document.editing_session import Change, EditingSession, Mes
 from holoview.viewer.document.file_loader import show_example
 from holoview.viewer.document.jobs import format_job
 from holoview.viewer.document.measurements import SeenPicture
+from holoview.viewer.document.optimisation_job import load_optimiser
 from holoview.viewer.document.session_store import SessionStore
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.view_settings import NOW, SPECKLE_EXPOSURE_STOPS
 
 P = TypeVar("P", bound=Panel)
+_LOADS_AFTER_S = 1.0  # without an event
 
 
 class App:
@@ -46,8 +50,9 @@ class App:
 
     store: the user's preferences and saved sessions; None where nothing is stored. frame_s: see Window. panels: their
     classes. register_tests: called by ImGui's test engine, which then runs. tunes: whether the fastest strategy of
-    the transforms for this device is searched for in the background. renderer: of the session's document, if it has
-    been started already. is_read_only: whether the user can't open, save or export files nor end the viewer.
+    the transforms for this device is searched for in the background, and the optimiser loaded there. renderer: of the
+    session's document, if it has been started already. is_read_only: whether the user can't open, save or export files
+    nor end the viewer.
 
     awaits_frame: whether a new image hasn't been drawn yet. has_shown_image: whether one was ever drawn. danger: why
     lasers of a rig may be on after `close`, or "".
@@ -86,11 +91,12 @@ class App:
         add_score_commands(self.context)
         _add_menu_commands(self.context, [guarded.panel.title for guarded in self.panels])
         self._overlays = [DrawGuard(overlay.title, overlay.draw, session.messages) for overlay in self.context.overlays]
-        self._is_stale = True
+        self._is_stale, self._has_loaded = True, False
         self.awaits_frame = self.has_shown_image = False
         self.danger = ""
         self._measured: tuple[object, ...] = ()
         self._counted = "", 1  # the title, and which of the windows of this title this is
+        self._named: tuple[str, ...] = ()  # whose signs have been looked for in the fonts
         params = runner_params(self.panels, self._callbacks(), None if store is None else store.folder)
         if register_tests is not None:
             params.use_imgui_test_engine, params.callbacks.register_tests = True, register_tests
@@ -162,10 +168,22 @@ class App:
             self.session.edit_view("Exposure", exposure_stops=round(fitting_stops(xyz), 2), undoable=False)
 
     def redraw_if_due(self) -> None:
-        """Requests a frame for what changes with time: tooltips, the text cursor, expiring messages. Call it often."""
+        """Requests a frame for what changes with time: tooltips, the text cursor, expiring messages. Call it often.
+
+        Once the window rests, what an optimisation needs is loaded, so that its first iteration comes sooner.
+        """
         has_changed = any(guarded.panel.has_changed(self.context) for guarded in self.panels)
         if self.window.needs_redraw() or self.toasts.has_changed() or has_changed:
             self.window.wake()
+        if self._is_time_to_load:
+            self._has_loaded = True
+            Thread(target=load_optimiser, name=f"{PREFIX}optimiser", daemon=True).start()
+
+    @property
+    def _is_time_to_load(self) -> bool:
+        """Whether an optimisation is likely to come, and nothing else is being done."""
+        is_wanted = self._tunes and not self._has_loaded and self.session.target_spec is not None
+        return is_wanted and self.window.rested_s > _LOADS_AFTER_S and not self.is_busy
 
     @property
     def is_busy(self) -> bool:
@@ -226,6 +244,15 @@ class App:
         if title != self._counted[0]:
             self._counted = title, 1 + (0 if store is None else store.windows_before(title))
         self.window.set_title(window_title(self.session, self._counted[1]))
+        names = (title, *self.session.snapshots)
+        if names != self._named:
+            self._named = names
+            self._tell_of_fonts(theme.font_advice(names))
+
+    def _tell_of_fonts(self, advice: str) -> None:
+        """Posts what to do about names that can't be drawn, once."""
+        if advice and not any(message.text == advice for message in self.session.messages.all):
+            self.session.messages.post(advice, "warning")
 
     def _move_pupil(self) -> None:
         """Records where the pupil is, or moves it along its path, if either is being done."""

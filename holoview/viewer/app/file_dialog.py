@@ -13,7 +13,7 @@ from holoview.util.errors import UserError
 from holoview.util.files import expand_home
 from holoview.util.text import printable
 from holoview.viewer.app import theme
-from holoview.viewer.app.widgets import tooltip
+from holoview.viewer.app.widgets import pale, tooltip, wrapped_text
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.file_loader import FileLoader
 from holoview.viewer.document.session_store import SavedSession, SessionStore
@@ -43,7 +43,7 @@ class FileDialog:
     A click selects a file or a folder, a double click opens it.
 
     title: of the dialog among the overlays. folder: the folder that is listed. name: the content of the field.
-    problem: a sentence for the user, or "".
+    problem: a sentence for the user, or "". advice: what to do about names that can't be drawn, or "".
     """
 
     def __init__(self, session: EditingSession, title: str = "File dialog") -> None:
@@ -53,7 +53,7 @@ class FileDialog:
         self.folder = Path.cwd()
         self.name = ""
         self._entries: list[Path] = []
-        self.problem = ""
+        self.problem = self.advice = ""
         self._overwritten: Path | None = None
 
     @property
@@ -76,6 +76,7 @@ class FileDialog:
             return
         self.folder, self.problem = folder, ""
         self._entries = [path for path in entries if not path.name.startswith(".") and self._is_listed(path)]
+        self.advice = theme.font_advice(path.name for path in self._entries)
 
     def draw(self) -> None:
         """Draws the dialog while it is open."""
@@ -102,6 +103,8 @@ class FileDialog:
             imgui.text_disabled(f"{', '.join(request.suffixes[:-1])} or {request.suffixes[-1]}: the name's end decides")
         if self.problem:
             imgui.text_colored(theme.signal_colour("error"), self.problem)
+        if self.advice:
+            wrapped_text(self.advice, pale())
         accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered
         imgui.same_line()
         if request.takes_folders:

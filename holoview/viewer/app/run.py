@@ -242,6 +242,7 @@ def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[],
             take_signals()
             if app.window.error is None and not interruption():
                 window_is_closed()
+            app.session.jobs.cancel_all()  # what they have found is queued to be saved, which takes a processor
             failed = app.window.error
             unsaved = None
             if autosave is not None and failed is None:

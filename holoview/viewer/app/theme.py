@@ -2,50 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from imgui_bundle import hello_imgui, imgui
 
 from holoview.light.colour import gamut_map, observer_weights, srgb_encode, xyz_to_linear_srgb
+from holoview.viewer.app.fonts import advice, fonts_of_scripts
 
 THEMES = ("Dark", "Light")
 FONT_PIXELS = 15.0
-_FONT_FOLDERS = (
-    Path("/usr/share/fonts"),
-    Path("/usr/local/share/fonts"),
-    Path.home() / ".local/share/fonts",
-    Path("/System/Library/Fonts"),
-    Path("/Library/Fonts"),
-    Path(os.environ.get("WINDIR", "C:/Windows")) / "Fonts",
-)
-_FONTS_OF_SCRIPTS = (
-    (  # Chinese, Japanese, Korean
-        "notosanscjk-regular.ttc",
-        "notosanscjksc-regular.otf",
-        "sourcehansans-regular.ttc",
-        "droidsansfallbackfull.ttf",
-        "wqy-microhei.ttc",
-        "wqy-zenhei.ttc",
-        "hiragino sans gb.ttc",
-        "arial unicode.ttf",
-        "msyh.ttc",
-        "yugothm.ttc",
-    ),
-    ("nanumgothic.ttf", "applesdgothicneo.ttc", "malgun.ttf"),  # Korean
-    ("dejavusans.ttf", "notosans-regular.ttf", "segoeui.ttf"),  # Arabic, Armenian, Georgian, Hebrew, signs
-    (  # emoji, without their colours
-        "notoemoji-regular.ttf",
-        "symbola.ttf",
-        "symbola_hint.ttf",
-        "seguiemj.ttf",
-        "apple symbols.ttf",
-    ),
-)
 _BASES = {"Dark": hello_imgui.ImGuiTheme_.darcula_darker, "Light": hello_imgui.ImGuiTheme_.light_rounded}
 TEXT_SIZES = (0.85, 1.0, 1.25, 1.5, 2.0)
 """Sizes of text that can be chosen, as multiples of the usual one."""
@@ -74,23 +41,10 @@ def load_fonts() -> None:
         hello_imgui.load_font(str(path), FONT_PIXELS, own)
 
 
-def fonts_of_scripts(folders: Sequence[Path] | None = None) -> list[Path]:
-    """The first font of this machine, by its name, of each group of scripts that the shipped fonts lack.
-
-    folders: where to look, by default where the system and the user have their fonts.
-    """
-    there = [folder for folder in (_FONT_FOLDERS if folders is None else folders) if folder.is_dir()]
-    paths = [path for folder in there for path in sorted(folder.rglob("*.[to]t[fc]"))]
-    files = {path.name.lower(): path for path in paths}
-    found = (next((files[name] for name in names if name in files), None) for names in _FONTS_OF_SCRIPTS)
-    return [path for path in found if path is not None and _is_font(path)]
-
-
-def _is_font(path: Path) -> bool:
-    """Whether a file begins as fonts do; ImGui ends the program at any other."""
-    with suppress(OSError), path.open("rb") as file:
-        return file.read(4) in (b"\x00\x01\x00\x00", b"OTTO", b"ttcf", b"true")
-    return False
+def font_advice(names: Iterable[str]) -> str:
+    """What to do about signs of names that no loaded font has, in a sentence; "" where all are drawn."""
+    font, signs = imgui.get_io().fonts.fonts[0], set("".join(names))
+    return advice("".join(sign for sign in signs if not (sign.isascii() or font.is_glyph_in_font(ord(sign)))))
 
 
 def signal_colour(name: str) -> imgui.ImVec4:

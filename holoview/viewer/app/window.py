@@ -87,6 +87,11 @@ class Window:
         """Whether events wait to be processed; drawing frames processes them."""
         return self._input.has_pending
 
+    @property
+    def rested_s(self) -> float:
+        """The time since the last event."""
+        return time.perf_counter() - self._event_at
+
     def needs_redraw(self) -> bool:
         """Whether a frame is due without an event: for a tooltip after a rest of the pointer, for a blinking cursor."""
         if self.closed:

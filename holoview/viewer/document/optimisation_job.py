@@ -51,6 +51,8 @@ from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.packages import load_libraries
+from holoview.util.processes import garbage_kept
 from holoview.util.tables import ValueType, read_record, read_table
 from holoview.viewer.document.document import Document, as_readonly_drive
 from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
@@ -172,7 +174,7 @@ class OptimisationJob(BackgroundJob):
     def run(self, control: JobControl) -> Document:
         """Optimises on the compact grid and returns the best result as a document. Called on the job's thread."""
         if not self.system.is_chain:
-            Thread(target=_load_optimiser, args=(self.request.device,)).start()
+            Thread(target=load_optimiser, args=(self.request.device,)).start()
         request, target_spec, drive = self.request, self.start_document.target_spec, self._start_drive
         assert target_spec is not None
         control.report(request.done, request.settings.iterations, "building the target")
@@ -265,9 +267,10 @@ class OptimisationJob(BackgroundJob):
         return system, "the bench was changed during the optimisation: the patterns are for the bench as it was before"
 
 
-def _load_optimiser(device: str) -> None:
-    """Loads what the first iteration needs, beside the building of the target."""
-    with suppress(Exception):  # the job says what is missing
+def load_optimiser(device: str = "auto") -> None:
+    """Loads what the first iteration needs, beside a viewer at rest or the building of the target."""
+    with suppress(Exception), garbage_kept():  # the job says what is missing; a window would stand still for garbage
+        load_libraries("torch", ("libtorch_cpu", "libtorch_python"))
         from holoview.holograms.optimise.parallel import resolve_torch_device
         from holoview.holograms.optimise.solve import load_beside
 

@@ -280,7 +280,7 @@ class Autosave:
         self._pending: SessionData | None = None
         self._failure: Exception | None = None
         self._attempts = 0
-        self._is_urgent = self._is_saving = self._is_closing = False
+        self._is_urgent = self._is_saving = self._is_closing = self._is_unfinished = False
         self._remove_listener = session.add_listener(self._queue_save)
         self._thread = Thread(target=self._run, name="holoview: autosave", daemon=True)
         self._thread.start()
@@ -298,8 +298,8 @@ class Autosave:
     def close(self) -> Exception | None:
         """Saves for the last time; returns why that failed, None if all is saved.
 
-        The folder of a session without edits is deleted. Work saved before a failure is kept as after a crash. May
-        be called on any thread, and again, which says the same.
+        The folder of a session without edits, in which no optimisation runs, is deleted. Work saved before a failure is
+        kept as after a crash. May be called on any thread, and again, which says the same.
         """
         with self._closing:
             if not self._is_closed:
@@ -312,7 +312,7 @@ class Autosave:
             self._is_closing = True
             self._condition.notify_all()
         self._thread.join(_CLOSE_TIMEOUT_S)
-        has_edits = len(self._session.history) > 1 or self._session.can_look_back
+        has_edits = len(self._session.history) > 1 or self._session.can_look_back or self._is_unfinished
         if has_edits and self._pending is not None:
             return self._failure or TimeoutError(f"the disk took more than {_CLOSE_TIMEOUT_S:g} s")
         self._on_closed(has_edits)
@@ -331,6 +331,7 @@ class Autosave:
             session.optimisation_choices,
             session.looks,
         )
+        self._is_unfinished = data.unfinished is not None
         with self._condition:
             self._pending = data
             self._condition.notify_all()
