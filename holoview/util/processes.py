@@ -150,7 +150,7 @@ def _exit_after(sentinel: int) -> None:
 # --- the end beside threads that work ---------------------------------------------------------------------------------
 
 
-_AT_THE_END_S, _BEFORE_LEAVING_S = 10.0, 1.0
+_AT_THE_END_S, _BEFORE_LEAVING_S = 10.0, 0.5
 PREFIX = "holoview: "
 """Names of threads that this program starts for work in the background begin with it."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -40,6 +41,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
         "--benches 1 --size 24 -o {out}/fault-free.jsonl",
         "--summary {out}/fault-free.jsonl",
     ),
+    "feedback": ("--rounds 1 --shape 48x32 --states opened",),
     "fft_time": ("--sizes 64x48 --repeats 1",),
     "focus_recordings": ("--count 6 --samples 96 -o {out}/focus.jsonl", "--summary {out}/focus.jsonl"),
     "frame_time": ("--size 64x48 --repeats 1",),
@@ -89,7 +91,12 @@ ON_A_DEVICE = {
     "soak",
     "viewer",
 }
-MARKS = {**dict.fromkeys(ON_A_DEVICE, (pytest.mark.gpu,)), "effect_consumers": (pytest.mark.gpu, needs_chromium)}
+needs_xvfb = pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs Xvfb (apt install xvfb)")
+MARKS = {
+    **dict.fromkeys(ON_A_DEVICE, (pytest.mark.gpu,)),
+    "effect_consumers": (pytest.mark.gpu, needs_chromium),
+    "feedback": (pytest.mark.gpu, needs_xvfb),
+}
 
 
 def test_every_program_is_run() -> None:

@@ -16,6 +16,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.light.model.system import System
+from holoview.viewer.app import app
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.optimise import OptimisePanel
@@ -28,6 +29,8 @@ from holoview.viewer.document.optimisation_job import (
     running_optimisation,
     start_live_optimisation,
 )
+from holoview.viewer.document.target_builder import TargetSpec
+from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import Gui
 from tests.patience import PATIENCE_S, wait_until
@@ -274,3 +277,51 @@ def test_a_chain_of_elements_is_followed_kept_and_shown(make_gui: Callable[..., 
     assert np.abs(shown - known).max() < 1e-4 * known.max()
     gui.press_chord("Ctrl+Z")
     assert gui.session.drive is old
+
+
+def test_what_an_optimisation_needs_is_prepared_while_the_window_rests(
+    make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once, and only where there is a target: the optimiser is loaded, the target built."""
+    loaded: list[None] = []
+    monkeypatch.setattr(app, "load_optimiser", lambda: loaded.append(None))
+    monkeypatch.setattr(ProgressiveRenderer, "poll_strategy", lambda self: None)  # nothing is searched for here
+    gui = make_gui(panels=(ImagePanel,), tunes=True)
+    gui.draw_until_idle()
+    monkeypatch.setattr(app, "_PREPARES_AFTER_S", -1.0)
+    gui.app.redraw_if_due()
+    assert not loaded, "there is no target"
+    spec = target_from_pixels(np.full((64, 96, 3), 90, np.uint8), "grey")
+    gui.session.edit("Target", target_spec=spec)
+    monkeypatch.setattr(app, "_PREPARES_AFTER_S", 1e9)
+    gui.draw_until_idle()
+    gui.app.redraw_if_due()
+    assert not loaded, "the window doesn't rest"
+    monkeypatch.setattr(app, "_PREPARES_AFTER_S", -1.0)
+    for _ in range(2):
+        gui.app.redraw_if_due()
+        gui.draw_until_idle()
+    wait_until(lambda: len(loaded) > 0)
+    assert len(loaded) == 1
+    assert gui.session.target_builder.built_stack(spec, gui.session.system) is not None
+
+
+def test_a_target_that_the_window_builds_isnt_built_again(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
+    built, goes_on, build = list[None](), Event(), TargetSpec.build
+
+    def counted(*arguments: Any) -> Any:
+        built.append(None)
+        assert goes_on.wait(PATIENCE_S)
+        return build(*arguments)
+
+    monkeypatch.setattr(TargetSpec, "build", counted)
+    gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 90, np.uint8), "grey"))
+    gui.session.target_at()
+    _choose(gui, iterations=1)
+    gui.press_chord("Ctrl+Enter")
+    job = running_optimisation(gui.session)
+    assert job is not None
+    _until(gui, lambda: job.note == "building the target" and len(built) > 0)
+    goes_on.set()
+    _until(gui, lambda: running_optimisation(gui.session) is None)
+    assert job.status == "done" and len(built) == 1

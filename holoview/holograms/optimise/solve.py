@@ -151,10 +151,11 @@ def load_beside(device: str) -> None:
 
     To be called before a target is built, most of which is done without Python's lock. Results are the same without it.
     """
-    Thread(target=_load, args=(device,)).start()
+    Thread(target=load_rest, args=(device,)).start()
 
 
-def _load(device: str) -> None:
+def load_rest(device: str) -> None:
+    """Loads what the first iteration needs and this module doesn't import."""
     with suppress(Exception):  # where something is missing, the optimisation says so
         import_module("scipy.optimize")
         load_kernels(device)

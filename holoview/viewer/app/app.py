@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -42,7 +43,8 @@ from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.view_settings import NOW, SPECKLE_EXPOSURE_STOPS
 
 P = TypeVar("P", bound=Panel)
-_LOADS_AFTER_S = 1.0  # without an event
+_PREPARES_AFTER_S = 0.5  # without an event
+_MOST_PREPARED = 2**24  # samples of a target in all planes: 200 MB
 
 
 class App:
@@ -50,7 +52,7 @@ class App:
 
     store: the user's preferences and saved sessions; None where nothing is stored. frame_s: see Window. panels: their
     classes. register_tests: called by ImGui's test engine, which then runs. tunes: whether the fastest strategy of
-    the transforms for this device is searched for in the background, and the optimiser loaded there. renderer: of the
+    the transforms for this device is searched for in the background, and the optimiser prepared there. renderer: of the
     session's document, if it has been started already. is_read_only: whether the user can't open, save or export files
     nor end the viewer.
 
@@ -91,7 +93,7 @@ class App:
         add_score_commands(self.context)
         _add_menu_commands(self.context, [guarded.panel.title for guarded in self.panels])
         self._overlays = [DrawGuard(overlay.title, overlay.draw, session.messages) for overlay in self.context.overlays]
-        self._is_stale, self._has_loaded = True, False
+        self._is_stale, self._is_prepared = True, False
         self.awaits_frame = self.has_shown_image = False
         self.danger = ""
         self._measured: tuple[object, ...] = ()
@@ -170,20 +172,23 @@ class App:
     def redraw_if_due(self) -> None:
         """Requests a frame for what changes with time: tooltips, the text cursor, expiring messages. Call it often.
 
-        Once the window rests, what an optimisation needs is loaded, so that its first iteration comes sooner.
+        Once the window rests, what an optimisation needs is prepared, so that its first iteration comes sooner.
         """
         has_changed = any(guarded.panel.has_changed(self.context) for guarded in self.panels)
         if self.window.needs_redraw() or self.toasts.has_changed() or has_changed:
             self.window.wake()
-        if self._is_time_to_load:
-            self._has_loaded = True
-            Thread(target=load_optimiser, name=f"{PREFIX}optimiser", daemon=True).start()
+        if self._tunes and not self._is_prepared and self.window.rested_s > _PREPARES_AFTER_S and not self.is_busy:
+            self._prepare_optimisation()
 
-    @property
-    def _is_time_to_load(self) -> bool:
-        """Whether an optimisation is likely to come, and nothing else is being done."""
-        is_wanted = self._tunes and not self._has_loaded and self.session.target_spec is not None
-        return is_wanted and self.window.rested_s > _LOADS_AFTER_S and not self.is_busy
+    def _prepare_optimisation(self) -> None:
+        """Loads the optimiser and builds the target on threads, since an optimisation is likely to come."""
+        document = self.session.document
+        if document.target_spec is None:
+            return
+        self._is_prepared = True
+        Thread(target=load_optimiser, name=f"{PREFIX}optimiser", daemon=True).start()
+        if math.prod(document.image_shape) * len(document.system.planes_m) <= _MOST_PREPARED:
+            self.session.target_at()
 
     @property
     def is_busy(self) -> bool:

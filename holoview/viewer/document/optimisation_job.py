@@ -65,7 +65,8 @@ from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS, Compari
 
 _QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
 _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
-_POLL_S = 0.05  # between two looks for another picture
+_POLL_S = 0.05  # between two looks for another picture, or for the target
+_LONGEST_WAIT_S = 10.0  # for a target that the window builds
 _MOST_PICTURES = 200  # whose results are remembered
 
 
@@ -213,9 +214,12 @@ class OptimisationJob(BackgroundJob):
     def _seen_target(
         self, target_spec: TargetSpec, system: System, places: PupilPlaces
     ) -> NDArray[np.float32] | StacksAt:
-        """The stacks that an eye sees from places of its pupil; from its own, those that the window has built."""
-        is_moved = places.drawn or places.fixed
-        built = None if is_moved else self._session.target_builder.built_stack(target_spec, system)
+        """The stacks that an eye sees from places of its pupil; from its own, those that the window has or builds."""
+        is_moved, builder = places.drawn or places.fixed, self._session.target_builder
+        built, until = None if is_moved else builder.built_stack(target_spec, system), monotonic() + _LONGEST_WAIT_S
+        while not is_moved and built is None and builder.is_building and monotonic() < until:
+            self.control.sleep(_POLL_S)
+            built = builder.built_stack(target_spec, system)
         return target_at_places(target_spec, system, places) if built is None else built
 
     def _report(self, control: JobControl, state: IterationState) -> None:
@@ -272,9 +276,9 @@ def load_optimiser(device: str = "auto") -> None:
     with suppress(Exception), garbage_kept():  # the job says what is missing; a window would stand still for garbage
         load_libraries("torch", ("libtorch_cpu", "libtorch_python"))
         from holoview.holograms.optimise.parallel import resolve_torch_device
-        from holoview.holograms.optimise.solve import load_beside
+        from holoview.holograms.optimise.solve import load_rest
 
-        load_beside(resolve_torch_device(device))
+        load_rest(resolve_torch_device(device))
 
 
 class LiveOptimisationJob(OptimisationJob):

@@ -1,0 +1,35 @@
+"""Shared libraries of a package are loaded before it is imported, and the package then works as ever."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from holoview.util.packages import load_libraries
+from tests.patience import PATIENCE_S
+
+_PROGRAM = """
+import sys
+from pathlib import Path
+from holoview.util.packages import load_libraries
+load_libraries("torch", ("libtorch_cpu", "libtorch_that_nobody_has"))
+assert "torch" not in sys.modules
+if sys.platform == "linux":
+    assert "libtorch_cpu.so" in Path("/proc/self/maps").read_text()
+import torch
+print(float(torch.fft.fft(torch.ones(4)).abs()[0]), torch.randn(3, requires_grad=True).sum().requires_grad)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there nothing is loaded so")
+def test_torch_works_whose_libraries_were_loaded_before_it() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _PROGRAM], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "4.0 True\n", "")
+
+
+def test_a_package_that_isnt_there_is_left_to_its_import() -> None:
+    load_libraries("a_package_that_nobody_has", ("libnothing",))
