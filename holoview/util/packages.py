@@ -6,7 +6,7 @@ import ctypes
 import importlib.util
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
@@ -82,20 +82,21 @@ def compiled(function: Any) -> Any:
         numba.config.CACHE_DIR = before
 
 
-def load_libraries(package: str, names: Sequence[str]) -> None:
-    """Loads shared libraries of a package, of which `import` then finds most of its work done; those that there are.
+_TORCH_LIBRARIES = ("libtorch_cpu", "libtorch_python")
 
-    Importing a library holds Python's lock while the system loads it, tenths of a second of torch's, for which a window
-    would stand still. Here the system is called without the lock; on Windows, which has another call, nothing is done.
 
-    names: without their folder, `package/lib`, and without suffix.
+def load_torch_libraries() -> None:
+    """Loads the shared libraries of torch, of which `import` then finds most of its work done.
+
+    Importing holds Python's lock while the system loads them, half a second for which a window would stand still. Here
+    the system is called without the lock; on Windows, which has another call, nothing is done.
     """
-    spec = importlib.util.find_spec(package)
-    if sys.platform == "win32" or spec is None or spec.origin is None or package in sys.modules:
+    spec = importlib.util.find_spec("torch")
+    if sys.platform == "win32" or spec is None or spec.origin is None or "torch" in sys.modules:
         return
     system = ctypes.CDLL(None)
     system.dlopen.argtypes, system.dlopen.restype = (ctypes.c_char_p, ctypes.c_int), ctypes.c_void_p
-    for name in names:
+    for name in _TORCH_LIBRARIES:
         path = Path(spec.origin).parent / "lib" / f"{name}{'.dylib' if sys.platform == 'darwin' else '.so'}"
         if path.exists():
             system.dlopen(os.fsencode(path), os.RTLD_NOW)

@@ -209,14 +209,14 @@ class App:
         raise UserError("viewer", f"the image wasn't ready in {timeout_s:g} s", remedy="choose a smaller bench")
 
     def close(self) -> None:
-        """Switches the lasers of a rig off, ends the session's jobs and threads, closes the window; twice is once."""
+        """Switches the lasers of a rig off, closes the window, ends the session's jobs and threads; twice is once."""
         if self.window.closed:
             return
         self._stop_listening()
         self.danger = self.context.close_rig()
+        self.window.close()  # first: it stores the layout, and a program that is in a hurry doesn't wait for the rest
         self.context.close()
         self.session.close()
-        self.window.close()
 
     def _is_held(self) -> bool:
         """Whether a button is held, or let go in this frame, or a key repeats: edits may belong together."""

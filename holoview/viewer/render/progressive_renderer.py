@@ -36,6 +36,7 @@ from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.mailbox import Inputs, are_same
+from holoview.util.packages import load_torch_libraries
 from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape
 from holoview.viewer.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings
@@ -185,6 +186,8 @@ class ProgressiveRenderer:
                 self._take_next()
 
     def _compute_first(self) -> None:
+        if self._requested is not None and self._requested.system.is_chain:
+            load_torch_libraries()  # of which chains need tables, while the window's thread goes on
         while self.picture is None and self._stage != "done":
             self._compute_slice()
 
