@@ -36,7 +36,7 @@ _QUALITY = 88
 _FIRST_MINUTE = "first-minute"
 _MOMENTS_S = (*np.arange(0, 6, 0.5), *np.arange(6, 20, 1.0), *np.arange(20, 61, 4.0))
 """When a frame of the first minute is kept: at first, when most changes, more often."""
-_FRAME_PX, _FRAME_QUALITY, _LAST_FRAME_S = (880, 550), 40, 5.0
+_FRAME_PX, _FRAME_QUALITY, _LAST_FRAME_S = (1040, 650), 60, 5.0
 
 
 def main() -> None:

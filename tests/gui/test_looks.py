@@ -96,15 +96,29 @@ def test_names_are_drawn_by_the_fonts_that_the_machine_has(tmp_path: Path) -> No
     folders = [tmp_path / "missing", tmp_path]
     assert [path.name for path in fonts_of_scripts(folders)] == ["NotoSansCJK-Regular.ttc", "DejaVuSans.ttf"]
     assert missing_packages(folders) == ["fonts-symbola"], "its file is no font"
-    assert missing_packages([tmp_path / "missing"]) == ["fonts-droid-fallback", "fonts-symbola"]
+    assert missing_packages([tmp_path / "missing"]) == ["fonts-wqy-microhei", "fonts-symbola"]
 
 
 def test_what_to_install_is_said_for_the_scripts_of_a_name() -> None:
     assert advice("ԱႠא") == advice("") == ""
-    names = (("日本語", "droid", "symbola"), ("한국어", "droid", "symbola"), ("🦊", "symbola", "droid"))
+    names = (("日本語", "wqy", "symbola"), ("한국어", "wqy", "symbola"), ("🦊", "symbola", "wqy"))
     for name, package, other in names:
         assert f"fonts-{package}" in advice(name) and other not in advice(name)
-    assert "fonts-droid-fallback fonts-symbola" in advice("🦊 全息图")
+    assert "fonts-wqy-microhei fonts-symbola" in advice("🦊 全息图 한국어")
+    assert "Chinese or Japanese and Korean and emoji signs" in advice("🦊全한")
+
+
+def test_a_font_without_korean_leaves_korean_to_another(tmp_path: Path) -> None:
+    for name in ("DroidSansFallbackFull.ttf", "Symbola.ttf"):
+        (tmp_path / name).write_bytes(b"ttcf")
+    assert missing_packages([tmp_path]) == ["fonts-wqy-microhei"]
+    (tmp_path / "NanumGothic.ttf").write_bytes(b"ttcf")
+    assert missing_packages([tmp_path]) == []
+    assert [path.name for path in fonts_of_scripts([tmp_path])] == [
+        "DroidSansFallbackFull.ttf",
+        "NanumGothic.ttf",
+        "Symbola.ttf",
+    ]
 
 
 def test_the_viewer_says_once_what_to_install_for_a_name_that_it_cant_draw(
@@ -118,7 +132,7 @@ def test_the_viewer_says_once_what_to_install_for_a_name_that_it_cant_draw(
         gui.context.loader.open(tmp_path / name)
         assert gui.session.wait_until_idle(PATIENCE_S)
         gui.draw_until_idle()
-    told = [message.text for message in gui.session.messages.all if "fonts-droid-fallback" in message.text]
+    told = [message.text for message in gui.session.messages.all if "fonts-wqy-microhei" in message.text]
     assert len(told) == 1 and "fonts-symbola" not in told[0]
     dialog = gui.app.panel(FilesPanel).dialog
     dialog.list_folder(tmp_path)

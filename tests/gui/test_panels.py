@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from imgui_bundle import imgui
+from imgui_bundle import hello_imgui, imgui
 
 from holoview import load
 from holoview.light.model import preset
@@ -497,3 +497,27 @@ def test_a_moment_after_the_last_event_frames_are_due_for_tooltips(gui: Gui) -> 
     assert gui.app.toasts.has_changed()
     gui.draw_frames(2)
     assert not gui.app.toasts.has_changed()
+
+
+def test_the_original_layout_opens_what_was_closed_and_closes_the_rest(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(size=(1024, 700))
+    windows = {of.label: of for of in hello_imgui.get_runner_params().docking_params.dockable_windows}
+    gui.draw_frames(3)
+    windows["Effects"].is_visible, windows["Sweep"].is_visible = False, True
+    gui.draw_frames(3)
+    gui.context.commands.run("Original layout")
+    gui.draw_frames(3)
+    assert windows["Effects"].is_visible and not windows["Sweep"].is_visible
+
+
+def test_a_click_on_a_tab_that_isnt_in_front_never_closes_its_panel(make_gui: Callable[..., Gui]) -> None:
+    """Wherever on it: its cross is there once it is in front."""
+    gui = make_gui(size=(1280, 800))
+    gui.draw_frames(3)
+    bar = imgui.internal.find_window_by_name("Eye").dock_node.tab_bar
+    tab = next(tab for tab in bar.tabs if tab.window is not None and tab.window.name == "Eye")
+    gui.click((bar.bar_rect.min.x + tab.offset + tab.width - 12, bar.bar_rect.min.y + 10))
+    gui.draw_frames(3)
+    windows = {of.label: of for of in hello_imgui.get_runner_params().docking_params.dockable_windows}
+    assert windows["Eye"].is_visible
+    assert imgui.internal.find_window_by_name("Eye").dock_node.visible_window.name == "Eye"

@@ -43,6 +43,25 @@ def test_two_holograms_are_shown_side_by_side_with_their_difference(
     assert gui.session.view_settings.compare == "difference" and f"{expected:.1f} dB" in _readout(gui)
 
 
+def test_equal_holograms_are_said_to_be_equal(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    system, files = small_bench(), [tmp_path / "first.safetensors", tmp_path / "second.safetensors"]
+    for file in files:
+        hv.Hologram(hv.random_drive(system, seed=0), system).save(file)
+    gui = make_gui(size=(800, 480))
+    gui.context.loader.open(files)
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    gui.draw_until_idle()
+    gui.draw_frames(3)
+    gui.draw_until_idle()
+    assert "A and B are equal" in _readout(gui)
+    gui.press_chord("Escape")
+    gui.press_chord("2")
+    gui.draw_until_idle()
+    gui.draw_frames(3)
+    gui.draw_until_idle()
+    assert "equal to 1" in _readout(gui)
+
+
 def test_benches_of_different_sizes_have_no_number(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     files = [tmp_path / "small.toml", tmp_path / "smaller.toml"]
     for file, shape in zip(files, ([64, 96], [32, 48]), strict=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from imgui_bundle import imgui
 
@@ -13,6 +14,7 @@ from holoview.util.progress import ProgressCallback
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.sweep import SweepPanel
 from holoview.viewer.document.document import Document
+from holoview.viewer.document.file_loader import target_from_pixels
 from holoview.viewer.document.sweeper import SweepRequest, SweptCurve, SweptPoint
 from tests.gui.conftest import Gui, small_bench
 
@@ -72,3 +74,17 @@ def test_the_button_sweeps_what_the_bench_offers(gui: Gui) -> None:
     gui.draw_until_idle()
     assert gui.last_message() == ""
     gui.item_position("curve of the sweep")  # is drawn
+
+
+def test_the_first_measure_is_one_that_is_known_everywhere(gui: Gui) -> None:
+    """Beside a target the PSNR, as its contrast is withheld where the target isn't shown; else the contrast."""
+    asked: list[SweepRequest] = []
+    panel = gui.app.panel(SweepPanel)
+    for spec, measure in ((None, "contrast"), (target_from_pixels(np.full((64, 96, 3), 90, np.uint8)), "psnr")):
+        panel._measure = ""
+        gui.session.edit("Target", target_spec=spec)
+        gui.draw_until_idle()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(panel, "start", lambda context, request: asked.append(request))
+            gui.click(gui.item_position("start the sweep"))
+        assert asked[-1].measure == measure

@@ -552,7 +552,12 @@ def _draw_windows(context: AppContext) -> None:
 
 
 def _reset_layout(context: AppContext) -> None:
-    hello_imgui.get_runner_params().docking_params.layout_reset = True
+    """Puts the panels where they were at first; those that were closed since are open again."""
+    docking = hello_imgui.get_runner_params().docking_params
+    open_at_first = {panel.title: panel.starts_open for panel in ALL}
+    for window in docking.dockable_windows:
+        window.is_visible = open_at_first.get(window.label, window.is_visible)
+    docking.layout_reset = True
     context.window.wake()
 
 

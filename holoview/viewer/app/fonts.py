@@ -36,33 +36,29 @@ class Scripts:
     blocks: tuple[tuple[int, int], ...] = ()
 
 
+_WHOLE = ("notosanscjk-regular.ttc", "notosanscjksc-regular.otf", "sourcehansans-regular.ttc", "wqy-microhei.ttc")
+_SMALL = "fonts-wqy-microhei"  # 1.6 MB; fonts-droid-fallback has no Korean, fonts-noto-cjk 57 MB
 ALL = (
     Scripts(
-        "Chinese, Japanese or Korean",
+        "Chinese or Japanese",
         (
-            "notosanscjk-regular.ttc",
-            "notosanscjksc-regular.otf",
-            "sourcehansans-regular.ttc",
+            *_WHOLE,
             "droidsansfallbackfull.ttf",
-            "wqy-microhei.ttc",
             "wqy-zenhei.ttc",
             "hiragino sans gb.ttc",
             "arial unicode.ttf",
             "msyh.ttc",
             "yugothm.ttc",
         ),
-        "fonts-droid-fallback",
-        (
-            (0x1100, 0x11FF),
-            (0x2E80, 0xA4CF),
-            (0xAC00, 0xD7FF),
-            (0xF900, 0xFAFF),
-            (0xFE30, 0xFE4F),
-            (0xFF00, 0xFFEF),
-            (0x20000, 0x3FFFF),
-        ),
+        _SMALL,
+        ((0x2E80, 0x312F), (0x3190, 0xA4CF), (0xF900, 0xFAFF), (0xFE30, 0xFE4F), (0xFF00, 0xFFEF), (0x20000, 0x3FFFF)),
     ),
-    Scripts("Korean", ("nanumgothic.ttf", "applesdgothicneo.ttc", "malgun.ttf")),
+    Scripts(
+        "Korean",
+        (*_WHOLE, "wqy-zenhei.ttc", "nanumgothic.ttf", "applesdgothicneo.ttc", "malgun.ttf"),
+        _SMALL,
+        ((0x1100, 0x11FF), (0x3130, 0x318F), (0xA960, 0xA97F), (0xAC00, 0xD7FF)),
+    ),
     Scripts("Arabic, Armenian, Georgian, Hebrew", ("dejavusans.ttf", "notosans-regular.ttf", "segoeui.ttf")),
     Scripts(  # without their colours
         "emoji",
@@ -74,32 +70,30 @@ ALL = (
 
 
 def fonts_of_scripts(folders: Sequence[Path] | None = None) -> list[Path]:
-    """The first font of this machine, by its name, of each of `ALL`.
+    """The first font of this machine, by its name, of each of `ALL`; one that several have counts once.
 
     folders: where to look, by default where the system and the user have their fonts.
     """
     files = _files(folders)
-    return [path for scripts in ALL if (path := _first(scripts, files)) is not None]
+    return list(dict.fromkeys(path for scripts in ALL if (path := _first(scripts, files)) is not None))
 
 
 def missing_packages(folders: Sequence[Path] | None = None) -> list[str]:
     """The Debian packages with fonts of scripts for which this machine has none. folders: as of `fonts_of_scripts`."""
     files = _files(folders)
-    return [scripts.package for scripts in ALL if scripts.package and _first(scripts, files) is None]
+    lacking = (scripts.package for scripts in ALL if scripts.package and _first(scripts, files) is None)
+    return list(dict.fromkeys(lacking))
 
 
 def advice(undrawn: str) -> str:
     """What to do about characters that no font has: a sentence; "" where there are none of scripts with a package."""
-    signs = [ord(sign) for sign in undrawn]
-    lacking = [
-        scripts for scripts in ALL if any(first <= sign <= last for sign in signs for first, last in scripts.blocks)
-    ]
-    words, packages = " and ".join(of.words for of in lacking), " ".join(of.package for of in lacking)
+    lacking = [of for of in ALL if any(low <= ord(sign) <= high for sign in undrawn for low, high in of.blocks)]
+    if not lacking:
+        return ""
+    words, packages = " and ".join(of.words for of in lacking), " ".join(dict.fromkeys(of.package for of in lacking))
     return (
-        f"No font of this machine has the {words} signs of a name, which are drawn as boxes or question marks. Install "
-        f"one (Debian, Ubuntu: apt install {packages}) and start the viewer again."
-        if lacking
-        else ""
+        f"No font of this machine has the {words} signs of a name, which are drawn as �. Install one (Debian, Ubuntu: "
+        f"apt install {packages}) and start the viewer again."
     )
 
 

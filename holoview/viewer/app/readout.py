@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -156,6 +157,8 @@ def _shown_text(context: AppContext, side: ComparisonSide) -> str:
         return "" if psnr_db is None else f"   PSNR {psnr_db:.1f} dB"
     now = context.side_renderers.xyz(NOW)
     psnr_db = None if now is None else context.live_psnr.get(xyz, now, difference_db)
+    if psnr_db == math.inf:
+        return "   equal to 1"
     return "" if psnr_db is None else f"   PSNR to 1 {psnr_db:.1f} dB"
 
 
@@ -163,6 +166,8 @@ def _difference_text(context: AppContext, view: ViewSettings) -> str:
     """How alike both sides of a comparison are; empty until both are computed, and for images of different sizes."""
     a, b = context.side_renderers.xyz(NOW), context.side_renderers.xyz(view.b)
     psnr_db = None if a is None or b is None else context.live_psnr.get(a, b, difference_db)
+    if psnr_db == math.inf:
+        return "   A and B are equal"
     return "" if psnr_db is None else f"   PSNR of A to B {psnr_db:.1f} dB"
 
 

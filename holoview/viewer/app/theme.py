@@ -63,6 +63,7 @@ def apply(name: str, text_size: float = 1.0) -> None:
     style.window_padding, style.frame_padding = imgui.ImVec2(8, 6), imgui.ImVec2(6, 3)
     style.item_spacing = imgui.ImVec2(6, 5)
     style.tab_min_width_shrink = _TAB_PX if text_size <= 1.0 else float(np.finfo(np.float32).max)  # else they scroll
+    style.tab_close_button_min_width_unselected = float(np.finfo(np.float32).max)  # a click on a tab never closes it
     ground = imgui.ImVec4(0.11, 0.115, 0.125, 1.0) if name == "Dark" else imgui.ImVec4(0.97, 0.97, 0.97, 1.0)
     style.set_color_(imgui.Col_.popup_bg, ground)
     style.set_color_(imgui.Col_.window_bg, ground)

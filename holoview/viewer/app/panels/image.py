@@ -132,7 +132,8 @@ class ImagePanel(Panel):
             self._draw_marks(view, draw_list)
         job = running_optimisation(context.session)
         if job is not None and job is not self._seen_job and view.page == "image" and b is None:
-            draw_label(draw_list, f"target   {job.step}", imgui.ImVec2(corner.x + 8, corner.y + 6))
+            step = job.step if job.latest is None else "its first picture is computed"
+            draw_label(draw_list, f"target   {step}", imgui.ImVec2(corner.x + 8, corner.y + 6))
         if a.is_quick and view.page == "image":
             badge = "quick image"
             left = self.picture.end.x - imgui.calc_text_size(badge).x - 8

@@ -37,7 +37,7 @@ class SweepPanel(Panel):
     starts_open = False
 
     def __init__(self) -> None:
-        self._values, self._measure, self._iterations = "", "contrast", 0
+        self._values, self._measure, self._iterations = "", "", 0
         self._job: SweepJob | None = None
         self.chosen = -1
 
@@ -89,6 +89,8 @@ class SweepPanel(Panel):
             tip = "Parameters that this bench has, from half to one and a half times their value."
             chosen = combo("parameter", now, (_OWN, *sweeps), tip)
             self._values = sweeps.get(chosen, self._values)
+        has_target = context.session.target_spec is not None  # of which a contrast is mostly withheld beside its bench
+        self._measure = self._measure or ("psnr" if has_target else "contrast")
         named = combo("measure", MEASURES[self._measure], tuple(MEASURES.values()), "As holoview sweep measures it.")
         self._measure = next(name for name, title in MEASURES.items() if title == named)
         self._iterations = min(max(imgui.input_int("iterations", self._iterations, 10, 50)[1], 0), 1000)
