@@ -43,7 +43,7 @@ from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.view_settings import NOW, SPECKLE_EXPOSURE_STOPS
 
 P = TypeVar("P", bound=Panel)
-_PREPARES_AFTER_S = 0.5  # without an event
+_PREPARES_AFTER_S = 0.5  # without an event, and with nothing to compute
 _MOST_PREPARED = 2**24  # samples of a target in all planes: 200 MB
 
 
@@ -93,7 +93,7 @@ class App:
         add_score_commands(self.context)
         _add_menu_commands(self.context, [guarded.panel.title for guarded in self.panels])
         self._overlays = [DrawGuard(overlay.title, overlay.draw, session.messages) for overlay in self.context.overlays]
-        self._is_stale, self._is_prepared = True, False
+        self._is_stale, self._is_prepared, self._busy_at = True, False, time.perf_counter()
         self.awaits_frame = self.has_shown_image = False
         self.danger = ""
         self._measured: tuple[object, ...] = ()
@@ -177,8 +177,11 @@ class App:
         has_changed = any(guarded.panel.has_changed(self.context) for guarded in self.panels)
         if self.window.needs_redraw() or self.toasts.has_changed() or has_changed:
             self.window.wake()
-        if self._tunes and not self._is_prepared and self.window.rested_s > _PREPARES_AFTER_S and not self.is_busy:
-            self._prepare_optimisation()
+        if self._tunes and not self._is_prepared:
+            now = time.perf_counter()
+            self._busy_at = now if self.is_busy or not self.has_shown_image else self._busy_at
+            if min(now - self._busy_at, self.window.rested_s) > _PREPARES_AFTER_S:
+                self._prepare_optimisation()
 
     def _prepare_optimisation(self) -> None:
         """Loads the optimiser and builds the target on threads, since an optimisation is likely to come."""

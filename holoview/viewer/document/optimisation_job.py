@@ -52,7 +52,7 @@ from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.packages import load_torch_libraries
-from holoview.util.processes import garbage_kept
+from holoview.util.processes import garbage_kept, lock_passed_on
 from holoview.util.tables import ValueType, read_record, read_table
 from holoview.viewer.document.document import Document, as_readonly_drive
 from holoview.viewer.document.editing_session import EditingSession, OptimisationChoices
@@ -273,7 +273,7 @@ class OptimisationJob(BackgroundJob):
 
 def load_optimiser(device: str = "auto") -> None:
     """Loads what the first iteration needs, beside a viewer at rest or the building of the target."""
-    with suppress(Exception), garbage_kept():  # the job says what is missing; a window would stand still for garbage
+    with suppress(Exception), garbage_kept(), lock_passed_on():  # the job says what is missing; a window goes on
         load_torch_libraries()
         from holoview.holograms.optimise.parallel import resolve_torch_device
         from holoview.holograms.optimise.solve import load_rest
