@@ -178,19 +178,9 @@ def parse_samples(text: str, count: int, flag: str, expected: str) -> list[int]:
     return [int(part) for part in parts]
 
 
-def parse_lengths(text: str, flag: str) -> list[float]:
-    """Lengths (m) that are separated by commas; a number without a unit has that of the last one: 2,3,4mm.
-
-    flag: for the error message. Raises UserError for text of another kind.
-    """
-    parts = [part.strip() for part in text.split(",")]
-    unit = parts[-1].lstrip("+-.0123456789 ")
-    return [units.parse(part if part[-1:].isalpha() else f"{part} {unit}", flag) for part in parts]
-
-
 def parse_range(text: str, flag: str) -> tuple[float, float]:
-    """Two distances (m), the smaller first, as `parse_lengths` takes them. Raises UserError for any others."""
-    lengths = parse_lengths(text, flag)
+    """Two distances (m), the smaller first, as `units.parse_several` takes them. Raises UserError for any others."""
+    lengths = units.parse_several(text, flag)
     if len(lengths) != 2 or not lengths[0] < lengths[1]:
         raise UserError(flag, f'"{text}"', expected="two distances, the smaller first, such as 5,40cm")
     return lengths[0], lengths[1]
@@ -339,7 +329,11 @@ def add_fields(
         kind = kind.item if isinstance(kind, Maybe) else kind
         item = kind.item if isinstance(kind, Several) else kind
         unit = getattr(item, "unit", "")
-        if isinstance(kind, Several):
+        if metavar := getattr(item, "metavar", ""):  # a notation of its own
+            options = {"metavar": metavar} | ({"action": "append"} if item.is_appended else {})
+        if isinstance(kind, Several) and (metavar or (unit and states_units)):
+            options = {"nargs": "+", "action": "extend", "metavar": metavar or "LENGTH"}
+        elif isinstance(kind, Several):
             measured = {"nargs": kind.count, "type": _in_unit(unit), "metavar": unit.upper()} if unit else None
             options = measured or {"metavar": "A,B,…"}
         elif isinstance(kind, Word):
@@ -359,7 +353,8 @@ def add_fields(
         elif isinstance(kind, Duration):
             options = {"type": parse_duration, "metavar": "TIME"}
         elif isinstance(kind, Truth):
-            options = {"action": "store_true"}
+            is_open = isinstance(field.metadata["kind"], Maybe)
+            options = {"action": argparse.BooleanOptionalAction if is_open else "store_true"}
         elif isinstance(kind, WrittenFile):
             add, options = partial(add_output, group), {"metavar": "FILE", "suffix": kind.suffix}
         elif isinstance(kind, FileContent):

@@ -32,7 +32,6 @@ from holoview.commands.arguments import (
     add_changes,
     checked_region,
     number,
-    parse_lengths,
     parse_region,
     stated_observer,
     system_from_args,
@@ -376,7 +375,7 @@ def _measured_photograph(args: argparse.Namespace, region: Region | None) -> _Me
     """Photographs of a bench: one of all lasers, or one of each with --lasers, perhaps one of all with --together."""
     statements = camera_statements(args)
     photographs = [read_photograph(Path(name), statements) for name in args.names]
-    wavelengths_m = [] if args.lasers is None else parse_lengths(args.lasers, "--lasers")
+    wavelengths_m = [] if args.lasers is None else units.parse_several(args.lasers, "--lasers")
     if not wavelengths_m:
         if len(photographs) > 1:
             remedy = "--lasers 638,532,450nm says which laser each shows"
@@ -585,7 +584,7 @@ def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]
         return []
     if shown is None:
         raise UserError("--pupils", "with a picture", expected="a preset or a hologram file")
-    pupils_m = parse_lengths(text, "--pupils")
+    pupils_m = units.parse_several(text, "--pupils")
     pupils_of(shown.hologram.system, pupils_m)
     return sorted(set(pupils_m))
 

@@ -7,45 +7,39 @@ field of another program, whose parts may be in several files.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from holoview.commands.arguments import (
-    number,
+    add_fields,
     parse_assignment,
     parse_effects,
-    parse_lengths,
     system_from_args,
-    whole,
     with_changes,
 )
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.holograms.fields.field_file import FIELD_FORMAT
 from holoview.holograms.fields.interpret.remembered import (
     over,
-    parse_order,
-    parse_shift,
-    parse_steps,
     remember,
     request_of_notes,
 )
 from holoview.holograms.files.request import (
     MOST_UNASKED,
-    Part,
-    Propagation,
-    Quantity,
     ReadRequest,
-    RecordingKind,
     Viewpoint,
+    ViewpointType,
     WindowRequest,
 )
 from holoview.holograms.hologram import FORMAT, Hologram
 from holoview.holograms.load_field import OpenedHologram, open_hologram
 from holoview.light.model import preset
+from holoview.light.model.fields import fields_by_key, flag_of
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
@@ -55,27 +49,16 @@ _COUNT = r"(?:\d++(?:\.\d++)?|\.\d++)"
 _NEGATIVE = re.compile(rf"-{_COUNT}(?:,-?{_COUNT})*+ ?[a-zµ]*+$")
 NAMES_HELP = "a preset's name (see `holoview presets`) or TOML file; or a hologram's file, or files that are its parts"
 _LARGE_BYTES = 1 << 28  # of files: reading them is shown
-_OPTIONS = (
-    "wavelength",
-    "pitch",
-    "distance",
-    "recording",
-    "quantity",
-    "variable",
-    "index",
-    "parts",
-    "conjugate",
-    "file_note",
-    "aperture",
-    "decimate",
-    "viewpoint",
-    "colour_shift",
-    "steps",
-    "order",
-    "window_centre",
-    "window_size",
-    "window_pitch",
-)
+_FLAGGED = {key: field for key, field in fields_by_key(ReadRequest).items() if field.metadata["flag"]}
+_WINDOW = fields_by_key(WindowRequest)
+
+
+def _dest(field: dataclasses.Field[Any]) -> str:
+    """The name of a field's flag among the parsed arguments."""
+    return flag_of(field)[2:].replace("-", "_")
+
+
+_OPTIONS = {"file_note", *map(_dest, (*_FLAGGED.values(), *_WINDOW.values()))} - {"guess", "propagation"}
 
 
 def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True) -> None:
@@ -86,183 +69,60 @@ def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True
     """
     parser._negative_number_matcher = _NEGATIVE  # so that "--plane -10cm" isn't taken for an option
     group = parser.add_argument_group("of a file of another program, what it doesn't say itself")
-    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    group.add_argument("--wavelength", metavar="LENGTH", **several, help="of each colour in the file's order")
-    group.add_argument("--pitch", metavar="LENGTH", nargs="+", help="between samples, e.g. 8um; two of them: y, then x")
-    names = ["--distance"] if has_plane else ["--distance", "--plane"]
-    group.add_argument(*names, metavar="LENGTH", help="to the image; negative where it lies before the plane")
-    group.add_argument("--quantity", choices=get_args(Quantity), help="what the numbers are")
-    group.add_argument("--variable", metavar="NAME", help="which array, where a file holds several")
-    group.add_argument(
-        "--parts", metavar="A,B", help="what each of several files is: real,imaginary; amplitude,phase; r,g,b; frame,…"
-    )
-    group.add_argument("--index", metavar="N", type=number(0.1, 10), help="refractive index; wavelengths are divided")
-    group.add_argument(
-        "--propagation",
-        choices=get_args(Propagation),
-        default="auto",
-        help="to its distance: asm, the angular spectrum in the field's own window; one transform for far images",
-    )
-    group.add_argument(
-        "--window-centre",
-        metavar="X,Y",
-        help="see its image in a window around this place beside the axis: 3,0mm; the axis if absent",
-    )
-    group.add_argument("--window-size", metavar="W[,H]", help="width and height of this window; the field's if absent")
-    group.add_argument("--window-pitch", metavar="LENGTH", help="between its samples; the field's pitch if absent")
-    group.add_argument("--conjugate", action="store_true", help="phases were written with the other sign: exp(-iφ)")
+    degrees = {"region": _FLAGGED["aperture"].metadata["doc"]}  # which the same flag takes
+    keys = [key for key in _FLAGGED if key != "aperture"]
+    add_fields(group, ReadRequest, *keys, notes=degrees, defaults={"propagation": "auto"}, states_units=True)
+    add_fields(group, WindowRequest, *_WINDOW, states_units=True)
+    if not has_plane:
+        group.add_argument("--plane", dest="distance", metavar="LENGTH", help="the same as --distance")
     group.add_argument(
         "--file-note",
         metavar="KEY=VALUE",
-        **several,
+        nargs="+",
+        action="extend",
         help="a key of the notes beside a file: phase_levels=255 colour_axis=last transposed=true …",
     )
-    _add_recording_options(group)
-    _add_part_options(group)
-    group.add_argument("--guess", action="store_true", help="take guesses for what nothing tells, and say them")
     group.add_argument("--remember", action="store_true", help="keep these options beside the file, as TOML")
-
-
-def _add_recording_options(group: argparse._ArgumentGroup) -> None:
-    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    group.add_argument("--recording", choices=get_args(RecordingKind), help="how a camera recorded it; none: it didn't")
-    group.add_argument(
-        "--steps",
-        metavar="DEGREES",
-        help="of a phase-shifting set: 0,90,180,270 of the pictures' reference, equal (if absent), or unknown: found",
-    )
-    group.add_argument(
-        "--order",
-        metavar="FX,FY[,RADIUS]",
-        **several,
-        help="of an off-axis recording, in cycles a pixel, one for each wavelength or for all; found if absent",
-    )
-    group.add_argument(
-        "--dark-field",
-        action=argparse.BooleanOptionalAction,
-        help="of an in-line recording: without its beam; if absent, where its frame's fringes hide the objects",
-    )
-
-
-def _add_part_options(group: argparse._ArgumentGroup) -> None:
-    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    group.add_argument(
-        "--aperture",
-        metavar="PART",
-        help="read a part: X,Y,WIDTH,HEIGHT in samples from the upper left; or a square of degrees as seen from "
-        "the image, 2deg in the middle, 2deg,X,Y with its centre at X, Y degrees",
-    )
-    group.add_argument(
-        "--viewpoint",
-        metavar="X,Y,SIZE",
-        action="append",
-        help="see it through a square part, the rest being dark: its place from -1 (left, upper edge) to 1, and its "
-        "side in samples or degrees as seen from the image: -1,0,2deg; render and compare take it several times",
-    )
-    group.add_argument(
-        "--colour-shift",
-        metavar="X,Y",
-        **several,
-        help="move the field of each colour by these lengths, one pair for each: 0,0um 12,-3um 5,5um",
-    )
-    group.add_argument(
-        "--decimate", metavar="N", type=whole(1), help="the mean of N × N samples becomes one: a view of a large whole"
-    )
 
 
 def request_from_args(args: argparse.Namespace) -> ReadRequest:
     """The statements of the options on a file. Raises UserError for lengths and words that aren't any."""
-    pitch = None if args.pitch is None else [units.parse(text, "--pitch") for text in args.pitch]
-    if pitch is not None and len(pitch) > 2:
-        raise UserError("--pitch", f"{len(pitch)} lengths", expected="one, or two: along y and along x")
+    is_angle = args.aperture is not None and "deg" in args.aperture.partition(",")[0]
+    read: dict[str, Any] = {"region" if is_angle else "aperture_deg": None}
+    if args.viewpoint is not None:
+        if len(args.viewpoint) > 1:
+            found = f"{len(args.viewpoint)} times"
+            raise UserError("--viewpoint", found, expected="once; several times with render, compare")
+        read["viewpoint"] = args.viewpoint[0]
     planes = getattr(args, "plane", None) or []
     first = planes if isinstance(planes, str) else next(iter(planes), None)
-    distance = args.distance or (None if first is None or first == "all" or first.rstrip().endswith("D") else first)
-    parts = tuple(part.strip() for part in args.parts.split(",")) if args.parts else ()
-    for part in parts:
-        if part not in get_args(Part):
-            raise UserError("--parts", f'"{part}"', expected=", ".join(get_args(Part)))
-    stated = ReadRequest(
-        pitch_m=None if pitch is None else (pitch[0], pitch[-1]),
-        wavelengths_m=tuple(units.parse(text, "--wavelength") for text in args.wavelength or ()),
-        distance_m=None if distance is None else units.parse(distance, "--distance" if args.distance else "--plane"),
-        quantity=args.quantity,
-        variable=args.variable,
-        parts=parts,
-        recording=args.recording,
-        steps=None if args.steps is None else parse_steps(_numbers(args.steps)),
-        orders=tuple(parse_order(_numbers(text)) for text in args.order or ()),
-        dark_field=args.dark_field,
-        refractive_index=args.index,
-        conjugated=True if args.conjugate else None,
-        accept_guesses=args.guess,
-        propagation=args.propagation,
-        window=_window(args),
-        decimate=args.decimate or 1,
-        most_samples=MOST_UNASKED,
-        viewpoint=None if args.viewpoint is None else _only_viewpoint(*args.viewpoint),
-        colour_shifts_m=tuple(parse_shift(list(parse_lengths(t, "--colour-shift"))) for t in args.colour_shift or ()),
-        **_aperture(args.aperture),
-    )
+    if args.distance is None and first is not None and first != "all" and not first.rstrip().endswith("D"):
+        read["distance_m"] = units.parse(first, "--plane")
+    window = _given(args, _WINDOW.values(), {})
+    given = _given(args, _FLAGGED.values(), read)
+    stated = ReadRequest(**given, window=WindowRequest(**window) if window else None, most_samples=MOST_UNASKED)
     return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
 
 
-def _window(args: argparse.Namespace) -> WindowRequest | None:
-    """The window that --window-centre, --window-size and --window-pitch state; None without them.
+def _given(
+    args: argparse.Namespace, fields: Iterable[dataclasses.Field[Any]], read: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The values of the flags that are given, by their fields' names. read: those that aren't as `args` has them.
 
-    Raises UserError for texts that aren't lengths, and for too many of them.
+    Raises UserError, with the flag, for a value that isn't of its field's type.
     """
-    centre, size, pitch = args.window_centre, args.window_size, args.window_pitch
-    if centre is None and size is None and pitch is None:
-        return None
-    place = (0.0, 0.0) if centre is None else tuple(parse_lengths(centre, "--window-centre"))
-    sides = None if size is None else tuple(parse_lengths(size, "--window-size"))
-    if len(place) != 2:
-        raise UserError("--window-centre", f'"{centre}"', expected="x,y with a unit, such as 3,0mm")
-    if sides is not None and len(sides) > 2:
-        raise UserError("--window-size", f'"{size}"', expected="a width and a height, or one length for both")
-    pitch_m = None if pitch is None else units.parse(pitch, "--window-pitch")
-    return WindowRequest((place[1], place[0]), None if sides is None else (sides[-1], sides[0]), pitch_m)
-
-
-def _numbers(text: str) -> Any:
-    """The numbers of a text with commas, also with the unit deg; the text itself where it holds anything else."""
-    try:
-        return [float(part.removesuffix("deg")) for part in text.replace(" ", "").split(",")]
-    except ValueError:
-        return text
-
-
-def _only_viewpoint(text: str, *others: str) -> Viewpoint:
-    """The viewpoint that --viewpoint states. Raises UserError for other texts, and for several."""
-    if others:
-        raise UserError("--viewpoint", f"{1 + len(others)} times", expected="once; several times with render, compare")
-    return parse_viewpoint(text)
+    values = {field: read.get(field.name, getattr(args, _dest(field))) for field in fields}
+    return {
+        field.name: field.metadata["kind"].parse(value, flag_of(field))
+        for field, value in values.items()
+        if value is not None
+    }
 
 
 def parse_viewpoint(text: str) -> Viewpoint:
     """The viewpoint that a text such as -1,0,2deg states. Raises UserError for other texts."""
-    numbers = _numbers(text)
-    if isinstance(numbers, str) or len(numbers) != 3:
-        expected = "x,y,size: places from -1 to 1, and a side of samples or degrees, such as -1,0,2deg"
-        raise UserError("--viewpoint", f'"{text}"', expected=expected)
-    return Viewpoint((numbers[0], numbers[1]), numbers[2], text.strip().endswith("deg"))
-
-
-def _aperture(text: str | None) -> dict[str, Any]:
-    """The part of a file that --aperture states, as a field of a request. Raises UserError for other texts."""
-    if text is None:
-        return {}
-    size, *centre = text.replace(" ", "").split(",")
-    try:
-        if size.endswith("deg") and len(centre) in (0, 2):
-            x, y = (float(part.removesuffix("deg")) for part in centre or ("0", "0"))
-            return {"aperture_deg": (float(size.removesuffix("deg")), x, y)}
-        x0, y0, width, height = map(int, (size, *centre))
-        return {"region": (x0, y0, width, height)}
-    except ValueError:
-        expected = "x,y,width,height in whole samples, or degrees such as 2deg or 2deg,1,0"
-        raise UserError("--aperture", f'"{text}"', expected=expected) from None
+    found: Viewpoint = ViewpointType().parse(text, "--viewpoint")
+    return found
 
 
 def _notes(texts: Sequence[str]) -> dict[str, Any]:
@@ -288,7 +148,7 @@ def has_field_options(args: argparse.Namespace) -> bool:
 
 def check_no_field_options(args: argparse.Namespace, where: str) -> None:
     """Raises UserError if an option says something of a file, beside `where`, which isn't one."""
-    for name in _OPTIONS:
+    for name in sorted(_OPTIONS):
         if getattr(args, name) not in (None, False):
             raise UserError(f"--{name.replace('_', '-')}", f"with {where}", expected="a file of another program")
 

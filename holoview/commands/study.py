@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from holoview.commands.arguments import number, parse_lengths, parse_seed, whole
+from holoview.commands.arguments import number, parse_seed, whole
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_output_folder, hold_outputs
 from holoview.evidence.study.hologram_study import HologramStudy, write_live_page
@@ -17,6 +17,7 @@ from holoview.evidence.study.studies import find_study, studies_by_name
 from holoview.evidence.study.study import QUICK, SCALES, TARGETS, Study, StudyScale
 from holoview.holograms.metrics.perceptual_scores import PERCEPTUAL_SCORES
 from holoview.light.model.fields import Shape
+from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
 from holoview.util.file_writer import make_folder
@@ -124,7 +125,7 @@ def _scale(args: argparse.Namespace, study: Study) -> StudyScale:
     if args.targets is not None:
         changes["targets"] = tuple(args.targets.split(","))
     if args.pupils is not None:
-        changes["pupils_m"] = tuple(sorted(set(parse_lengths(args.pupils, "--pupils"))))
+        changes["pupils_m"] = tuple(sorted(set(units.parse_several(args.pupils, "--pupils"))))
     if args.scores is not None:
         changes["scores"] = tuple(args.scores)
     if args.shape is not None:

@@ -60,6 +60,16 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
     return parsed
 
 
+def parse_several(text: str, where: str) -> list[float]:
+    """Lengths (m) that are separated by commas; a number without a unit has that of the last one: 2,3,4mm.
+
+    Raises UserError, with the place `where`, for text of another kind.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    unit = parts[-1].lstrip("+-.0123456789 ")
+    return [parse(part if part[-1:].isalpha() else f"{part} {unit}", where) for part in parts]
+
+
 def to_float(value: float | np.integer[Any] | np.floating[Any]) -> float:
     """The value as a float, infinity for whole numbers that are too large for one."""
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import MISSING
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances
 from holoview.bench.diagnose.pipeline import DiagnosisOptions
 from holoview.bench.experiment.closed_loop import LoopSettings
+from holoview.holograms.files.request import BinaryLayout, ReadRequest, WindowRequest
 from holoview.holograms.optimise.hologram_job import RunOptions
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.fields import Nested, fields_by_key, flag_of
@@ -26,6 +28,8 @@ TABLES = {
     "captures.md": (AcquisitionSettings, Nuisances),
     "diagnosis.md": (DiagnosisOptions, SamplingConfig),
     "rig-reference.md": (LoopSettings,),
+    "fields.md": (ReadRequest, WindowRequest),
+    "readers.md": (BinaryLayout,),
 }
 
 
@@ -36,6 +40,7 @@ def table(description: type[Any]) -> str:
     for field in fields_by_key(description).values():
         kind, doc, default = field.metadata["kind"], field.metadata["doc"], field.default
         unit = getattr(getattr(kind, "item", kind), "unit", "")
+        default = None if default is MISSING else default
         values = default if isinstance(default, tuple) else () if default is None else (default,)
         shown = ", ".join(units.format_rounded(value, unit) if unit else str(value) for value in values)
         shown = "" if isinstance(kind, Nested) or default is False or default == math.inf else shown

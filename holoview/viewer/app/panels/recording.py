@@ -11,8 +11,9 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.holograms.fields.reading import Recording
-from holoview.holograms.files.request import Order
+from holoview.holograms.files.request import Order, ReadRequest
 from holoview.holograms.load_field import Recorded
+from holoview.light.model.fields import field_for
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.viewport import Viewport, next_corner
@@ -22,9 +23,9 @@ from holoview.viewer.render.view_settings import ViewSettings
 _OWN_COLOURS = ViewSettings(plane_m=0.0, page="field")
 _MARK, _TWIN = imgui.IM_COL32(255, 220, 80, 255), imgui.IM_COL32(255, 220, 80, 90)
 _EDGE_PX = 6.0  # from the circle, within which a drag changes its radius
-_HELP_KIND = "How the camera recorded it; phase-shifting: three or more pictures of one object."
-_HELP_STEPS = "Phases of the reference: 2π/N apart, or found from the pictures."
-_HELP_DARK = "Without the beam, whose frame draws fringes: objects that change little of the light stand out."
+_HELP_KIND, _HELP_STEPS, _HELP_DARK = (
+    field_for(ReadRequest, key).metadata["doc"] for key in ("recording", "steps", "dark_field")
+)
 _RADII = (0.005, 0.5)  # cycles a pixel
 _HELP = (
     "The light inside the circle is the field; the other circle holds its conjugate. Drag the circle, or its edge; a "
