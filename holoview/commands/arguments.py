@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -388,7 +389,7 @@ def _parsed(parse: Callable[[str, str], float], text: str) -> float:
 def _default_text(default: Any, kind: Any, unit: str) -> str:
     """A default in parentheses; "" for none, no limit and what isn't switched on."""
     values = default if isinstance(default, tuple) else (default,)
-    values = tuple(value for value in values if value not in (None, "", math.inf) and value is not False)
+    values = tuple(value for value in values if value not in (None, "", math.inf, MISSING) and value is not False)
     if isinstance(kind, Duration):
         shown = [units.format_duration(value) for value in values]
     else:

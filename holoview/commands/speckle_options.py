@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from holoview.bench.captures.speckle_meter import METERS, CameraLens, Meter, MeterReading
-from holoview.commands.arguments import add_framing, checked_region, number, parse_seed, whole
+from holoview.commands.arguments import add_fields, add_framing, checked_region, given_fields, parse_seed
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import add_input
 from holoview.holograms.hologram import Hologram
@@ -21,13 +22,14 @@ from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.target import Placement
 from holoview.holograms.targets.target_source import TargetFile, TargetSource
 from holoview.holograms.view import simulate
+from holoview.light.model.fields import flag_of
 from holoview.light.model.focus import focused_planes, plane_label
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
-from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.progress import TextCallback
 
+_OF_CAMERA = ("f_number", "pixel", "bits", "exposure")
 _MOST_SHOWN = 12  # lasers in a matrix of text
 
 
@@ -104,33 +106,21 @@ def add_meter(parser: argparse.ArgumentParser) -> None:
         choices=METERS,
         help="eye: 3 mm and cones; iec: 1.2 mm without aberrations; camera: a lens and pixels",
     )
-    group.add_argument(
-        "--f-number", metavar="N", type=number(0.1, 1e4), help="of the camera, working, at magnification 1"
-    )
-    group.add_argument("--pixel", metavar="LENGTH", help="width of its pixels, e.g. 3.45um")
-    group.add_argument("--bits", metavar="N", type=whole(4, 16), help="of its counts (12)")
-    group.add_argument(
-        "--exposure", metavar="SHARE", type=number(1e-4, 1.0), help="mean of the region over the full scale (0.05)"
-    )
+    add_fields(group, CameraLens, *_OF_CAMERA, states_units=True)
 
 
 def meter_from_args(args: argparse.Namespace) -> Meter:
     """The instrument of --meter. Raises UserError for a camera without lens or pixel, and these without a camera."""
-    given = {name: getattr(args, name) for name in ("f_number", "pixel", "bits", "exposure")}
+    given = given_fields(args, CameraLens)
     if args.meter != "camera":
-        for name, value in given.items():
-            if value is not None:
-                raise UserError(f"--{name.replace('_', '-')}", "without --meter camera", expected="both, or neither")
+        for field in fields(CameraLens):
+            if field.name in given:
+                raise UserError(flag_of(field), "without --meter camera", expected="both, or neither")
         return Meter(args.meter or "")
-    if args.f_number is None or args.pixel is None:
-        raise UserError(
-            "--meter camera", "without --f-number and --pixel", expected="e.g. --f-number 16 --pixel 3.45um"
-        )
-    pixel_m = units.parse(args.pixel, "--pixel")
-    if not 1e-7 <= pixel_m <= 1e-3:
-        raise UserError("--pixel", args.pixel, expected="0.1 um to 1 mm")
-    further = {name: given[name] for name in ("bits", "exposure") if given[name] is not None}
-    return Meter("camera", CameraLens(args.f_number, pixel_m, **further))
+    if "f_number" not in given or "pixel_m" not in given:
+        expected = "e.g. --f-number 16 --pixel 3.45um"
+        raise UserError("--meter camera", "without --f-number and --pixel", expected=expected)
+    return Meter("camera", CameraLens(**given))
 
 
 def speckle_lines(found: SpeckleMeasurement, reading: MeterReading | None = None) -> list[str]:

@@ -12,6 +12,7 @@ import pytest
 import holoview
 from holoview.bench.calibrate.train import CalibrationSettings
 from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.captures.speckle_meter import CameraLens
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances
 from holoview.bench.diagnose.pipeline import DiagnosisOptions
 from holoview.bench.experiment.closed_loop import LoopSettings
@@ -30,6 +31,7 @@ TABLES = {
     "rig-reference.md": (LoopSettings,),
     "fields.md": (ReadRequest, WindowRequest),
     "readers.md": (BinaryLayout,),
+    "speckle-contrast.md": (CameraLens,),
 }
 
 

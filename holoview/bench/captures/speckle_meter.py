@@ -44,6 +44,7 @@ from holoview.holograms.metrics.speckle_measurement import (
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import View, simulate
 from holoview.light.model.eye import Eye, Prescription, sample_degrees
+from holoview.light.model.fields import Integer, Number, described_field, flag_of, validate, with_field_docs
 from holoview.light.model.focus import focused_planes, plane_label
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
@@ -53,7 +54,6 @@ from holoview.util.errors import UserError
 METERS = ("eye", "iec", "camera")
 
 EYE_PUPIL_M, IEC_PUPIL_M, _CAMERA_PUPIL_M = 3e-3, 1.2e-3, 3e-3
-_LOWEST_F, _HIGHEST_F = 0.7, 300.0
 _GOOD_SIGMAS = (10.0, 60.0)
 _WIDEST_PIXEL = 0.5  # of a grain
 _GOOD_BITS = 12
@@ -61,18 +61,30 @@ _SAME_PLANE_M = 1e-6
 _ARCMIN = math.degrees(1) * 60
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class CameraLens:
-    """A camera: working f-number, pixel (m), bits, mean light of the region over the full scale, seed of its noise.
+    """A camera, whose noise is that of `AcquisitionSettings`: 16 000 electrons at full scale, 3 of read noise.
 
-    Its noise is that of `AcquisitionSettings`: 16 000 electrons at full scale, 3 electrons of read noise.
+    Raises UserError for numbers out of range.
+
+    Fields:
     """
 
-    f_number: float
-    pixel_m: float
-    bits: int = 12
-    exposure: float = 0.05
-    seed: int = 0
+    f_number: float = described_field(
+        Number(low=0.7, high=300.0, words="0.7 to 300"), "Of the camera, working, at magnification 1."
+    )
+    pixel_m: float = described_field(
+        Number("um", low=1e-7, high=1e-3, words="0.1 um to 1 mm"), "Width of the camera's pixels, e.g. 3.45um."
+    )
+    bits: int = described_field(Integer(4, 16), "Of the camera's counts.", default=12)
+    exposure: float = described_field(
+        Number(low=1e-4, high=1.0), "Mean light of the region over the full scale.", default=0.05
+    )
+    seed: int = described_field(Integer(0, 2**63 - 1), "Of the camera's noise.", default=0)
+
+    def __post_init__(self) -> None:
+        validate(self, flag_of)
 
 
 @dataclass(frozen=True)
@@ -83,7 +95,7 @@ class Meter:
     camera: CameraLens | None = None
 
     def bench(self, system: System) -> System:
-        """A bench with this instrument behind it. Raises UserError for an f-number out of range."""
+        """A bench with this instrument behind it."""
         if not self.name:
             return system
         eye = system.eye or Eye()
@@ -92,10 +104,8 @@ class Meter:
         if self.camera is None:
             plain: dict[str, Any] = {"chromatic": False, "stiles_crawford": False, "prescription": Prescription()}
             return system.with_(eye=replace(eye, pupil_m=IEC_PUPIL_M, **plain))
-        f_number = self.camera.f_number
-        if not _LOWEST_F <= f_number <= _HIGHEST_F:
-            raise UserError("--f-number", f"{f_number:g}", expected=f"{_LOWEST_F:g} to {_HIGHEST_F:g}")
-        return system.with_(eye=Eye(eyepiece_m=_CAMERA_PUPIL_M * f_number, pupil_m=_CAMERA_PUPIL_M, chromatic=False))
+        eyepiece_m = _CAMERA_PUPIL_M * self.camera.f_number
+        return system.with_(eye=Eye(eyepiece_m=eyepiece_m, pupil_m=_CAMERA_PUPIL_M, chromatic=False))
 
 
 NO_METER = Meter()
