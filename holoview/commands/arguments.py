@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING
+from dataclasses import MISSING, Field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -397,10 +397,14 @@ def _default_text(default: Any, kind: Any, unit: str) -> str:
     return f"(default {', '.join(shown)})" if shown else ""
 
 
+def dest_of(field: Field[Any]) -> str:
+    """The name of a field's flag among the parsed arguments."""
+    return flag_of(field)[2:].replace("-", "_")
+
+
 def given_fields(args: argparse.Namespace, description: type[Any]) -> dict[str, Any]:
     """The values of the flags of `add_fields` that were given, by the names of their fields."""
-    flags = {field.name: flag_of(field) for field in fields_by_key(description).values()}
-    values = {name: getattr(args, flag[2:].replace("-", "_"), None) for name, flag in flags.items()}
+    values = {field.name: getattr(args, dest_of(field), None) for field in fields_by_key(description).values()}
     return {name: value for name, value in values.items() if value is not None}
 
 

@@ -13,12 +13,12 @@ from typing import Any
 
 from holoview.commands.arguments import parse_samples
 from holoview.commands.console import print_json, print_stderr, progress_bar
-from holoview.commands.hologram_files import add_field_options, parse_viewpoint, request_from_args
+from holoview.commands.hologram_files import add_field_options, request_from_args
 from holoview.commands.output_files import add_input
 from holoview.holograms.fields.synthetic_aperture import aperture_of
 from holoview.holograms.fields.wavefield import Wavefield
 from holoview.holograms.files.light_file import is_light_file, read_light
-from holoview.holograms.files.request import Viewpoint
+from holoview.holograms.files.request import Viewpoint, ViewpointType
 from holoview.holograms.load_field import field_of_files
 from holoview.holograms.metrics.fidelity import light_differences
 from holoview.holograms.metrics.field_scores import check_alike, hologram_scores, scores_at
@@ -123,7 +123,7 @@ def _view_scores(args: argparse.Namespace, field: Wavefield, reference: Wavefiel
     """A table of scores for each plane and viewpoint."""
     planes_m = [units.parse(text, "--plane") for text in args.plane or ()] or [reference.distance_m]
     viewpoints: list[tuple[str | None, Viewpoint | None]]
-    viewpoints = [(text, parse_viewpoint(text)) for text in args.viewpoint or ()] or [(None, None)]
+    viewpoints = [(text, ViewpointType().parse(text, "--viewpoint")) for text in args.viewpoint or ()] or [(None, None)]
     width, height = parse_samples(args.resize, 2, "--resize", "width,height, e.g. 1024,768") if args.resize else (0, 0)
     try:
         low, high = map(float, args.percentiles.split(","))

@@ -17,6 +17,7 @@ from typing import Any
 
 from holoview.commands.arguments import (
     add_fields,
+    dest_of,
     parse_assignment,
     parse_effects,
     system_from_args,
@@ -32,8 +33,6 @@ from holoview.holograms.fields.interpret.remembered import (
 from holoview.holograms.files.request import (
     MOST_UNASKED,
     ReadRequest,
-    Viewpoint,
-    ViewpointType,
     WindowRequest,
 )
 from holoview.holograms.hologram import FORMAT, Hologram
@@ -53,12 +52,7 @@ _FLAGGED = {key: field for key, field in fields_by_key(ReadRequest).items() if f
 _WINDOW = fields_by_key(WindowRequest)
 
 
-def _dest(field: dataclasses.Field[Any]) -> str:
-    """The name of a field's flag among the parsed arguments."""
-    return flag_of(field)[2:].replace("-", "_")
-
-
-_OPTIONS = {"file_note", *map(_dest, (*_FLAGGED.values(), *_WINDOW.values()))} - {"guess", "propagation"}
+_OPTIONS = {"file_note", *map(dest_of, (*_FLAGGED.values(), *_WINDOW.values()))} - {"guess", "propagation"}
 
 
 def add_field_options(parser: argparse.ArgumentParser, *, has_plane: bool = True) -> None:
@@ -111,18 +105,12 @@ def _given(
 
     Raises UserError, with the flag, for a value that isn't of its field's type.
     """
-    values = {field: read.get(field.name, getattr(args, _dest(field))) for field in fields}
+    values = {field: read.get(field.name, getattr(args, dest_of(field))) for field in fields}
     return {
         field.name: field.metadata["kind"].parse(value, flag_of(field))
         for field, value in values.items()
         if value is not None
     }
-
-
-def parse_viewpoint(text: str) -> Viewpoint:
-    """The viewpoint that a text such as -1,0,2deg states. Raises UserError for other texts."""
-    found: Viewpoint = ViewpointType().parse(text, "--viewpoint")
-    return found
 
 
 def _notes(texts: Sequence[str]) -> dict[str, Any]:

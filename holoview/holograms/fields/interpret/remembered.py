@@ -47,11 +47,11 @@ def request_of_notes(table: dict[str, Any], where: str) -> ReadRequest:
 
 def _statement(key: str, value: Any) -> Any:
     """A note as `ReadRequest` takes it: lists of numbers with a notation of their own become text in that notation."""
+    kind = _NOTES[key].metadata["kind"]
     if not isinstance(value, list):
-        return value
+        return [value] if isinstance(kind, Several) and isinstance(value, float) else value
     if not 1 <= len(value) <= _MOST:
         raise UserError(key, f"{len(value)} entries", expected="one or a few")
-    kind = _NOTES[key].metadata["kind"]
     item = getattr(kind, "item", kind)
     unit = " m" if isinstance(item, LengthPair) else ""
 
