@@ -37,6 +37,7 @@ from holoview.light.model.fields import (
     WrittenFile,
     fields_by_key,
     flag_of,
+    key_without_unit,
 )
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
@@ -324,47 +325,60 @@ def add_fields(
     known, defaults = fields_by_key(description), defaults or {}
     for key in keys:
         field = known[key]
+        kind, item = _kinds(field)
         add: Callable[..., Any] = group.add_argument
-        options: dict[str, Any] = {"metavar": "TEXT"}
-        kind: Any = field.metadata["kind"]
-        kind = kind.item if isinstance(kind, Maybe) else kind
-        item = kind.item if isinstance(kind, Several) else kind
-        unit = getattr(item, "unit", "")
-        if metavar := getattr(item, "metavar", ""):  # a notation of its own
-            options = {"metavar": metavar} | ({"action": "append"} if item.is_appended else {})
-        if isinstance(kind, Several) and (metavar or (unit and states_units)):
-            options = {"nargs": "+", "action": "extend", "metavar": metavar or "LENGTH"}
-        elif isinstance(kind, Several):
-            measured = {"nargs": kind.count, "type": _in_unit(unit), "metavar": unit.upper()} if unit else None
-            options = measured or {"metavar": "A,B,…"}
-        elif isinstance(kind, Word):
-            options = {"choices": (*kind.options, *more_words)}
-        elif isinstance(kind, Integer):
-            numbered, named = whole(kind.low, kind.high), dict(kind.named)
-            options = {
-                "type": lambda text, of=numbered, named=named: named[text] if text in named else of(text),
-                "metavar": "|".join(["N", *named]),
-            }
-        elif isinstance(kind, Number):
-            metavar = "LENGTH" if states_units and unit else (unit or field.name[len(key) + 1 :] or key).upper()
-            kind_of_text = number() if not unit else _length if states_units else _in_unit(unit)
-            options = {"type": kind_of_text, "metavar": metavar}
-        elif isinstance(kind, Shape):
-            options = {"type": whole(2, kind.most), "nargs": 2, "metavar": "N"}
-        elif isinstance(kind, Duration):
-            options = {"type": parse_duration, "metavar": "TIME"}
-        elif isinstance(kind, Truth):
-            is_open = isinstance(field.metadata["kind"], Maybe)
-            options = {"action": argparse.BooleanOptionalAction if is_open else "store_true"}
-        elif isinstance(kind, WrittenFile):
-            add, options = partial(add_output, group), {"metavar": "FILE", "suffix": kind.suffix}
-        elif isinstance(kind, FileContent):
-            add, options = partial(add_input, group), {"metavar": "FILE", "type": Path}
-        default = _default_text(defaults.get(key, field.default), kind, unit)
-        text = f"{field.metadata['doc']} {default}{(notes or {}).get(key, '')}".strip()
+        if isinstance(item, FileContent | WrittenFile):
+            add = partial(add_input if isinstance(item, FileContent) else add_output, group)
+        options = _flag_options(field, more_words, states_units)
         if key in defaults:
             options["default"] = defaults[key]
+        default = _default_text(defaults.get(key, field.default), kind, getattr(item, "unit", ""))
+        text = f"{field.metadata['doc']} {default}{(notes or {}).get(key, '')}".strip()
         add(flag_of(field), **options, help=text.replace("%", "%%"))
+
+
+def _kinds(field: Field[Any]) -> tuple[Any, Any]:
+    """The type of a field's value where there is one, and that of each of several values."""
+    kind: Any = field.metadata["kind"]
+    kind = kind.item if isinstance(kind, Maybe) else kind
+    return kind, kind.item if isinstance(kind, Several) else kind
+
+
+def _flag_options(field: Field[Any], more_words: tuple[str, ...], states_units: bool) -> dict[str, Any]:
+    """What argparse is told of a field's type; the arguments are those of `add_fields`."""
+    kind, item = _kinds(field)
+    unit, notation = getattr(item, "unit", ""), getattr(item, "metavar", "")
+    is_several = isinstance(kind, Several)
+    many: dict[str, Any] = {"nargs": "+", "action": "extend"} if is_several else {}
+    if notation:
+        return {"metavar": notation} | ({"action": "append"} if item.is_appended else many)
+    if isinstance(item, FileContent):
+        return {"metavar": "FILE", "type": Path} | many
+    if is_several and unit:
+        stated = {"metavar": "LENGTH"} | many
+        return stated if states_units else {"nargs": kind.count, "type": _in_unit(unit), "metavar": unit.upper()}
+    if is_several:
+        return {"metavar": "A,B,…"}
+    if isinstance(kind, Word):
+        return {"choices": (*kind.options, *more_words)}
+    if isinstance(kind, Integer):
+        parse, named = whole(kind.low, kind.high), dict(kind.named)
+        return {
+            "type": lambda text: named[text] if text in named else parse(text),
+            "metavar": "|".join(["N", *named]),
+        }
+    if isinstance(kind, Number):
+        name = unit or field.name[len(key_without_unit(field.name)) + 1 :] or dest_of(field)
+        parse_text = number() if not unit else _length if states_units else _in_unit(unit)
+        return {"type": parse_text, "metavar": "LENGTH" if states_units and unit else name.upper()}
+    if isinstance(kind, Shape):
+        return {"type": whole(2, kind.most), "nargs": 2, "metavar": "N"}
+    if isinstance(kind, Duration):
+        return {"type": parse_duration, "metavar": "TIME"}
+    if isinstance(kind, Truth):
+        is_open = isinstance(field.metadata["kind"], Maybe)
+        return {"action": argparse.BooleanOptionalAction if is_open else "store_true"}
+    return {"metavar": "FILE", "suffix": kind.suffix} if isinstance(kind, WrittenFile) else {"metavar": "TEXT"}
 
 
 def _in_unit(unit: str) -> Callable[[str], float]:

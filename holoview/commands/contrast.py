@@ -30,8 +30,9 @@ from holoview.bench.captures.capture_speckle import (
 from holoview.bench.captures.speckle_meter import MeterReading, measure_hologram
 from holoview.commands.arguments import (
     add_changes,
+    add_fields,
     checked_region,
-    number,
+    given_fields,
     parse_region,
     stated_observer,
     system_from_args,
@@ -68,7 +69,6 @@ from holoview.holograms.metrics.image_quality import central_region, contrast_by
 from holoview.holograms.metrics.likeness import displaced
 from holoview.holograms.metrics.photograph import (
     MOST_SATURATED,
-    SATURATION,
     CameraStatements,
     censored_estimate,
     check_saturation,
@@ -84,6 +84,7 @@ from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.picture import read_picture
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import random_drive
+from holoview.light.model.fields import fields_by_key
 from holoview.light.model.focus import parse_plane, plane_label
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region, region_slices
@@ -115,7 +116,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="LIST",
         help="with an eye: also a table of the contrast through pupils of these diameters, e.g. 2,3,4mm",
     )
-    parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
+    add_fields(parser, CameraStatements, "is_linear")
     add_edge(parser)
     add_target(parser)
     parser.add_argument("--align", action="store_true", help="move the target by whole samples to where it fits best")
@@ -146,24 +147,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_field_options(parser)
 
 
+_OF_PICTURES = ("is_linear", "accepts_jpeg")  # also of pictures that are no photographs
+
+
 def _add_camera(parser: argparse.ArgumentParser) -> None:
     """Adds what is known of the camera of a photograph."""
     group = parser.add_argument_group("photographs of a bench (any of these says that the pictures are)")
-    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    add_input(group, "--dark", metavar="PICTURE", **several, help="pictures without light: black level and read noise")
-    group.add_argument("--black", metavar="COUNTS", type=number(), help="the black level, in place of --dark")
-    group.add_argument("--gain", metavar="N", type=number(1e-9, 1e9), help="electrons a count; estimated if absent")
-    group.add_argument("--read-noise", metavar="N", type=number(0, 1e9), help="electrons r.m.s.; of --dark if absent")
-    add_input(group, "--repeat", metavar="PICTURE", help="the same light once more, from which the gain is estimated")
-    group.add_argument("--encoded", action="store_true", help="its numbers are an sRGB signal, which is undone")
-    group.add_argument(
-        "--saturation",
-        choices=SATURATION,
-        help="of more than 0.1 %% of the region: refuse it, keep it, or undo it by the law that fits the rest",
-    )
+    add_fields(group, CameraStatements, *(key for key in fields_by_key(CameraStatements) if key not in _OF_PICTURES))
     group.add_argument("--lasers", metavar="LIST", help="a photograph of each laser: their wavelengths, 638,532,450nm")
     add_input(group, "--together", metavar="PICTURE", help="with --lasers: a photograph of all lasers together")
-    parser.add_argument("--jpeg", action="store_true", help="measure a JPEG all the same, whose blocks change speckle")
+    add_fields(parser, CameraStatements, "accepts_jpeg")
 
 
 _DECODED = (
@@ -190,17 +183,7 @@ def _is_photograph(args: argparse.Namespace) -> bool:
 
 def camera_statements(args: argparse.Namespace) -> CameraStatements:
     """What the options say of a camera."""
-    return CameraStatements(
-        dark=tuple(Path(name) for name in args.dark or ()),
-        black=args.black,
-        electrons_per_count=args.gain,
-        read_noise_electrons=args.read_noise,
-        repeat=None if args.repeat is None else Path(args.repeat),
-        is_linear=args.linear,
-        is_encoded=args.encoded,
-        saturation=args.saturation or "refuse",
-        accepts_jpeg=args.jpeg,
-    )
+    return CameraStatements(**given_fields(args, CameraStatements))
 
 
 @dataclass(frozen=True)

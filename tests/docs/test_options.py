@@ -17,6 +17,7 @@ from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nui
 from holoview.bench.diagnose.pipeline import DiagnosisOptions
 from holoview.bench.experiment.closed_loop import LoopSettings
 from holoview.holograms.files.request import BinaryLayout, ReadRequest, WindowRequest
+from holoview.holograms.metrics.photograph import CameraStatements
 from holoview.holograms.optimise.hologram_job import RunOptions
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.fields import Nested, fields_by_key, flag_of
@@ -31,7 +32,7 @@ TABLES = {
     "rig-reference.md": (LoopSettings,),
     "fields.md": (ReadRequest, WindowRequest),
     "readers.md": (BinaryLayout,),
-    "speckle-contrast.md": (CameraLens,),
+    "speckle-contrast.md": (CameraLens, CameraStatements),
 }
 
 

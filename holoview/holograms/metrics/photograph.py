@@ -23,12 +23,23 @@ from holoview.holograms.metrics.grains import ContrastEstimate, PixelNoise, grai
 from holoview.holograms.metrics.speckle import Floats, SpecklePattern
 from holoview.holograms.metrics.speckle_measurement import LaserImages, images_of_lasers
 from holoview.light.colour import SRGB_TO_XYZ, observer_weights, srgb_decode
+from holoview.light.model.fields import (
+    FileContent,
+    Maybe,
+    Number,
+    Several,
+    Truth,
+    Word,
+    described_field,
+    flag_of,
+    validate,
+    with_field_docs,
+)
 from holoview.light.numerics.photon_transfer import PhotonTransfer, transfer_of_pictures, transfer_of_repeats
 from holoview.light.numerics.sample_bits import find_clipping
 from holoview.light.numerics.sampling import Region, region_slices
 from holoview.util.errors import UserError
 
-SATURATION = ("refuse", "keep", "undo")
 MOST_SATURATED = 1e-3
 """Share of saturated pixels up to which a contrast is hardly changed: that of C = 1 by less than 1 %."""
 
@@ -36,26 +47,49 @@ _LEAST_LIGHT, _MOST_FITTED = 0.02, 200_000
 _CHANNELS = ("red", "green", "blue")
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class CameraStatements:
-    """What the user says of the camera.
+    """What the user says of the camera of a photograph. Raises UserError for numbers out of range.
 
-    dark: pictures without light. black: its level in counts, in their place. electrons_per_count: None to estimate it.
-    read_noise_electrons: None to estimate it from the dark pictures or the photograph. repeat: a second picture of the
-    same light, from which the gain is estimated. is_linear: whole numbers are counts, not an encoded signal.
-    is_encoded: they are an sRGB signal, which is undone. saturation: of `SATURATION`. accepts_jpeg: measure one all
-    the same.
+    Fields:
     """
 
-    dark: tuple[Path, ...] = ()
-    black: float | None = None
-    electrons_per_count: float | None = None
-    read_noise_electrons: float | None = None
-    repeat: Path | None = None
-    is_linear: bool = False
-    is_encoded: bool = False
-    saturation: str = "refuse"
-    accepts_jpeg: bool = False
+    dark: tuple[Path, ...] = described_field(
+        Several(FileContent()), "Pictures without light: black level and read noise.", default=()
+    )
+    black: float | None = described_field(
+        Maybe(Number()), "The black level in counts, in place of --dark.", default=None
+    )
+    electrons_per_count: float | None = described_field(
+        Maybe(Number(low=1e-9, high=1e9)), "Electrons a count; estimated if absent.", flag="gain", default=None
+    )
+    read_noise_electrons: float | None = described_field(
+        Maybe(Number(low=0, high=1e9)),
+        "Electrons r.m.s.; if absent, of --dark or of the photograph.",
+        flag="read-noise",
+        default=None,
+    )
+    repeat: Path | None = described_field(
+        Maybe(FileContent()), "The same light once more, from which the gain is estimated.", default=None
+    )
+    is_linear: bool = described_field(
+        Truth(), "An integer picture holds intensity, not an sRGB signal.", flag="linear", default=False
+    )
+    is_encoded: bool = described_field(
+        Truth(), "Its numbers are an sRGB signal, which is undone.", flag="encoded", default=False
+    )
+    saturation: str = described_field(
+        Word(("refuse", "keep", "undo")),
+        "Of more than 0.1 % of the region: refuse it, keep it, or undo it by the law that fits the rest.",
+        default="refuse",
+    )
+    accepts_jpeg: bool = described_field(
+        Truth(), "Measure a JPEG all the same, whose blocks change speckle.", flag="jpeg", default=False
+    )
+
+    def __post_init__(self) -> None:
+        validate(self, flag_of)
 
 
 @dataclass(frozen=True, eq=False)
