@@ -12,7 +12,7 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.bench.calibrate.calibration_result import starting_bench
+from holoview.bench.calibrate.calibration_result import plan_calibration, starting_bench
 from holoview.bench.calibrate.train import CalibrationModel, captures_digest, map_layout_for
 from holoview.bench.captures import write_captures
 from holoview.bench.captures.dataset import Captures
@@ -20,7 +20,14 @@ from holoview.bench.captures.virtual_measurement import AcquisitionSettings, mak
 from holoview.commands.cli import main
 from holoview.light.model import preset
 from holoview.light.model.effects.hook_contexts import ModulatorContext
-from holoview.light.model.effects.learned_maps import LearnedMaps, MapLayout, read_calibration, write_calibration
+from holoview.light.model.effects.learned_maps import (
+    LearnedMaps,
+    MapLayout,
+    map_kind,
+    read_calibration,
+    read_layout,
+    write_calibration,
+)
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
@@ -55,10 +62,10 @@ def file(captures: Captures, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _drawn(layout: MapLayout) -> dict[str, torch.Tensor]:
     """Maps that change the light clearly, without a source."""
-    sizes = {"lut_steps": 0.4, "fringing_px2": 0.3, "zernike1_m": 30e-9, "zernike2_m": 30e-9}
+    sizes = {"lut_steps": 0.4, "fringing_px2": 0.3, "zernike_m": 30e-9}
     random, tensors = torch.Generator().manual_seed(3), {}
     for name, zeros in LearnedMaps.nominal(layout).tensors.items():
-        size = 0.0 if name.startswith(("source", "warp")) else sizes.get(name, 0.2)
+        size = 0.0 if name.startswith(("source", "warp")) else sizes.get(map_kind(name), 0.2)
         tensors[name] = size * torch.rand(zeros.shape, generator=random)
     return tensors
 
@@ -72,13 +79,12 @@ def test_maps_of_a_chain_act_as_those_of_the_short_form() -> None:
     found = []
     for one in (short, chain):
         layout = map_layout_for(one, every)
-        assert layout.pupil_nodes == (17, 17) and layout.sine2 == pytest.approx(0.03)
+        assert layout.pupil_nodes == (17, 17) and layout.relay_maps[-1].sine == pytest.approx(0.03)
         model = CalibrationModel(one, layout, {}, double_precision=True)
         model.set_maps(_drawn(layout))
         # exposures, which follow from what the bench shows, may differ
         seconds = torch.from_numpy(one.exposure_s)[:, None, None]
         found += [light / seconds for light in (model.predict([0, 1, 2]), model.predict_nominal([0, 1, 2]))]
-    assert map_layout_for(short, every).shapes() == map_layout_for(chain, every).shapes()
     assert float((found[0] - found[1]).norm() / found[1].norm()) > 0.05  # they change the light
     for a, b in zip(found[:2], found[2:], strict=True):
         assert float((a - b).norm() / a.norm()) < 5e-4
@@ -102,13 +108,16 @@ def test_each_table_and_space_changes_the_light_alone(captures: Captures, elemen
     assert torch.allclose(learned.stroke_response(share, other), share)
 
 
-@pytest.mark.parametrize("name", ["lut_steps", "source_opd_m", "zernike1_m", "zernike2_m", "pupil2_log_amplitude"])
+@pytest.mark.parametrize(
+    "name",
+    ["lut_steps", "source_opd_m", "zernike_m/space1", "zernike_m/to the planes", "pupil_log_amplitude/to the planes"],
+)
 def test_gradients_are_what_differences_approach(captures: Captures, name: str) -> None:
     layout = map_layout_for(captures, np.arange(len(captures)))
     model = CalibrationModel(captures, layout, {}, double_precision=True)
     zeros = LearnedMaps.nominal(layout, torch.float64).tensors
     random = torch.Generator().manual_seed(1)
-    size = 1e-9 if name.endswith("_m") else 1e-2
+    size = 1e-9 if map_kind(name).endswith("_m") else 1e-2
     way = size * torch.randn(zeros[name].shape, generator=random, dtype=torch.float64)
 
     def light(step: torch.Tensor) -> torch.Tensor:
@@ -215,14 +224,62 @@ def test_captures_of_other_distances_have_another_digest(captures: Captures) -> 
     assert captures_digest(captures) != captures_digest(other)
 
 
-def test_a_layout_with_wrong_names_is_refused(captures: Captures, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        ({"elements": ("phase", "phase")}, "elements"),
+        ({"modulators": 3}, "elements"),
+        ({"relays": ("space1",)}, "relays"),
+        ({"relays": ("space1", "space1")}, "relays"),
+        ({"relays": ("space1", "")}, "relays"),
+        ({"elements": (), "modulators": 2}, "relays"),
+        ({"sines": (0.03, 2.0)}, "sines"),
+        ({"sines": (), "relays": ("space1", "")}, "relays"),
+    ],
+)
+def test_a_layout_with_wrong_names_is_refused(captures: Captures, edits: dict[str, Any], said: str) -> None:
     layout = map_layout_for(captures, np.arange(len(captures)))
-    for wrong in (
-        dataclasses.replace(layout, elements=("phase", "phase")),
-        dataclasses.replace(layout, modulators=3),
-        dataclasses.replace(layout, relays=("space1",)),
-    ):
-        zeros = LearnedMaps.nominal(layout).tensors
-        write_calibration(tmp_path / "maps.safetensors", LearnedMaps(wrong, zeros), {})
-        with pytest.raises(UserError, match="layout"):
-            read_calibration(tmp_path / "maps.safetensors")
+    assert read_layout(layout.to_json(), "layout") == layout
+    with pytest.raises(UserError, match=f"layout: {said}"):
+        read_layout(dataclasses.replace(layout, **edits).to_json(), "layout")
+
+
+def test_a_file_of_a_former_version_acts_on_its_two_spaces(captures: Captures, tmp_path: Path) -> None:
+    """Its layout has no sines, and its tensors the numbers of the relays."""
+    layout = map_layout_for(captures, np.arange(len(captures)))
+    first, last = layout.sines
+    former = dataclasses.replace(layout, sines=(), sine1=first, sine2=last)
+    assert "zernike1_m" in former.shapes() and "sines" not in json.loads(former.to_json())
+    tensors = _drawn(former)
+    write_calibration(tmp_path / "maps.safetensors", LearnedMaps(former, tensors), {})
+    read = read_calibration(tmp_path / "maps.safetensors").maps
+    assert read.layout == former
+    pairs = zip(former.relay_maps, layout.relay_maps, strict=True)
+    renamed = {old: new for a, b in pairs for old, new in ((a.zernike, b.zernike), (a.pupil, b.pupil))}
+    signals = []
+    for own, values in ((former, read.tensors), (layout, {renamed.get(n, n): t for n, t in read.tensors.items()})):
+        model = CalibrationModel(captures, own, {}, double_precision=True)
+        model.set_maps(values)
+        signals.append(model.predict([0]))
+    assert torch.equal(*signals)
+
+
+def test_the_space_before_the_third_element_is_learned() -> None:
+    """An aberration between the second and the third of three elements: neither the first space nor the last one."""
+    third = COARSE | {"name": "third"}
+    chain = _chain(PHASE, SPACE, COARSE, SPACE | {"distance": "2 mm"}, third, LAST)
+    hidden = {"aberration@space2": {"z6": 40e-9, "z7": 32e-9}}
+    captures = make_captures(chain, hidden, AcquisitionSettings(captures_per_condition=5))
+    task = plan_calibration(captures, None, "three", {"epochs": 25, "batch": 2}, None)
+    layout = task.layout
+    assert layout.elements == ("phase", "coarse", "third")
+    assert layout.relays == ("space1", "space2", "to the planes") and layout.sines == pytest.approx((0.03,) * 3)
+    states = list(task.train(None))
+    assert states[-1].best_chi2 < states[0].validation_chi2 / 10
+    learned = states[-1].best_maps.tensors
+    sizes = {own.name: float(learned[own.zernike].norm()) for own in layout.relay_maps}
+    assert sizes.pop("space2") > 2 * max(sizes.values())
+    truth = torch.tensor([hidden["aberration@space2"].get(f"z{noll}", 0.0) for noll in layout.noll1])
+    found = learned["zernike_m/space2"][:, 0]
+    assert float(found @ truth / (found.norm() * truth.norm())) > 0.9
+    assert 0.5 < float(found.norm() / truth.norm()) < 1.5

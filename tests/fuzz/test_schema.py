@@ -19,14 +19,14 @@ from holoview.bench.captures.capture_file import CAMERA_NUMBERS, IMAGES, LEVELS,
 from holoview.holograms.hologram import _FILE
 from holoview.holograms.optimise import checkpoint
 from holoview.holograms.optimise.settings import Settings
-from holoview.light.model.effects.learned_maps import MAP_SCHEMAS, MapLayout, map_sizes
+from holoview.light.model.effects.learned_maps import MapLayout, map_schemas, map_sizes
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat
 from holoview.util.tables import MAX_DEPTH, ArraySchema, NumberSchema, parse_json, parse_toml, read_record
 
 LAYOUT = MapLayout(2, 5e-7, (4e-7, 6e-7), knots=4, source_nodes=(2, 3), warp_nodes=(2, 2), noll1=(4,), noll2=(4, 5))
 FORMATS = {"hologram": _FILE, "checkpoint": checkpoint._FORMAT, "calibration": _format(LAYOUT)}
-CHECKED = [*_FILE.tensors, *checkpoint._FORMAT.tensors, *MAP_SCHEMAS, *LEVELS, IMAGES, *PER_CAPTURE]
+CHECKED = [*_FILE.tensors, *checkpoint._FORMAT.tensors, *map_schemas(LAYOUT), *LEVELS, IMAGES, *PER_CAPTURE]
 SCHEMAS = list({schema.name: schema for schema in CHECKED}.values())
 FEW = settings(max_examples=8, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 

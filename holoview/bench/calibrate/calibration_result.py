@@ -503,7 +503,7 @@ class CalibrationTask:
         if len(self.captures.wavelengths_m) == 1:
             notes.append("one wavelength only: what changes with the wavelength can't be known")
         if len(set(self.captures.distance_m.tolist())) == 1 and not self.captures.is_fourier:
-            to_camera = self.layout.relays[1] if self.layout.relays else "relay 2"
+            to_camera = self.layout.relay_maps[-1].name
             notes.append(f"one plane only: {to_camera} and the camera can't be told apart")
         chain = self.captures.chain
         pairs = () if chain is None else zip(chain.element_names, chain.elements, strict=True)
@@ -578,7 +578,7 @@ def plot_calibration(
         }
         if learned.has("warp_m"):
             plots["warp"] = lambda path: _plot_warp(path, learned, captures)
-        if learned.has("zernike2_m"):
+        if learned.has(learned.layout.relay_maps[-1].zernike):
             plots["pupils"] = lambda path: _plot_pupils(path, learned)
         paths = [folder / f"{name}.png" for name in plots]
         for path, plot in zip(paths, plots.values(), strict=True):
@@ -636,17 +636,16 @@ def _plot_warp(path: Path, learned: LearnedMaps, captures: Captures) -> None:
 def _plot_pupils(path: Path, learned: LearnedMaps) -> None:
     """Optical path and amplitude of each relay at the reference wavelength."""
     layout = learned.layout
-    relays = [relay for relay in range(2) if learned.has(f"zernike{relay + 1}_m")]
+    relays = [(number, own) for number, own in enumerate(layout.relay_maps) if learned.has(own.zernike)]
     with png_figure(path, (4.4 * len(relays), 7.2)) as figure:
-        for axes, relay in zip(_columns(figure, 2, len(relays)), relays, strict=True):
-            sine = layout.sine2 if relay else layout.sine1
+        for axes, (relay, own) in zip(_columns(figure, 2, len(relays)), relays, strict=True):
+            sine = own.sine
             side = torch.linspace(-sine, sine, _PUPIL_SAMPLES, dtype=torch.float64)
             at = RelayContext(relay, layout.reference_m, side[:, None], side[None, :], sine)
             inside = (torch.hypot(side[:, None], side[None, :]) <= sine).numpy()
             opd_nm = np.where(inside, learned.relay_opd(at).numpy() * 1e9, np.nan)
             amplitude = np.where(inside, learned.relay_amplitude(at).numpy(), np.nan)
-            name = layout.relays[relay] if layout.relays else f"relay {relay + 1}"
-            title = f"{name}, {format_rounded(layout.reference_m, 'nm')}"
+            title = f"{own.name}, {format_rounded(layout.reference_m, 'nm')}"
             _show_map(figure, axes[0], opd_nm, f"optical path / nm, {title}", "RdBu", 0.0)
             _show_map(figure, axes[1], amplitude, f"amplitude, {title}", "viridis")
 

@@ -20,7 +20,7 @@ train                   the training
     maps = state.best_maps        # of the epoch with the lowest validation χ²; the loop may be left at any time
 
 A calibration that is resumed from its checkpoint on the same machine gives the same numbers, bit for bit, as one that
-was never stopped. The checkpoint holds, for each tensor NAME of `holoview.light.model.effects.learned_maps.MAP_SCHEMAS`
+was never stopped. The checkpoint holds, for each tensor NAME of `holoview.light.model.effects.learned_maps.map_schemas`
 that isn't empty:
 
 NAME                      its present value
@@ -72,11 +72,12 @@ from holoview.light.model import preset
 from holoview.light.model.bench_parts import Relay
 from holoview.light.model.effects.effect import Values
 from holoview.light.model.effects.learned_maps import (
-    MAP_SCHEMAS,
     LearnedMaps,
     MapCache,
     MapLayout,
     RowsColumns,
+    map_kind,
+    map_schemas,
     map_sizes,
     read_layout,
 )
@@ -93,12 +94,12 @@ LEARNING_RATES: Mapping[str, float] = {
     "source_log_amplitude": 0.02,
     "source_opd_m": 5e-9,
     "warp_m": 0.25e-6,
-    "zernike1_m": 5e-9,
-    "zernike2_m": 5e-9,
-    "pupil1_log_amplitude": 0.02,
-    "pupil2_log_amplitude": 0.02,
+    "zernike_m": 5e-9,
+    "pupil_log_amplitude": 0.02,
 }
-"""First step of Adam for each tensor, in the tensor's unit; `CalibrationSettings.rate` multiplies all of them."""
+"""First step of Adam for each kind of tensor (`map_kind`), in the tensor's unit; `CalibrationSettings.rate` multiplies
+all of them.
+"""
 
 ADAM_BETAS = (0.9, 0.95)
 
@@ -275,10 +276,10 @@ def map_layout_for(
 
 
 def _chain_layout(chain: System, wavelengths: Floats, pixels_per_node: int) -> MapLayout:
-    """The layout of the maps of a chain: a table for each element that shows patterns, its light, and two spaces."""
+    """The layout of the maps of a chain: a table for each element that shows patterns, its light, and its spaces."""
     way, u = chain.way, chain.sampling.upsample
-    inner = [relay for relay in range(len(way.relays)) if relay != way.last and way.kernel(relay) is None]
-    first = inner[:1]
+    spaces = [relay for relay in range(len(way.relays)) if relay != way.last and way.kernel(relay) is None]
+    spaces.append(way.last)
 
     def sine(relay: int) -> float:
         if way.relays[relay].has_aperture:
@@ -291,14 +292,13 @@ def _chain_layout(chain: System, wavelengths: Floats, pixels_per_node: int) -> M
         reference_m=float(wavelengths.mean()),
         anchors_m=_anchors(wavelengths),
         source_nodes=_source_node_counts([n // u for n in way.shape], pixels_per_node),
-        noll1=_NOLL_1 if first else (),
+        noll1=_NOLL_1,
         noll2=_NOLL_2,
         degree=_degree(wavelengths),
         pupil_nodes=(_PUPIL_NODES, _PUPIL_NODES),
-        sine1=sine(first[0]) if first else 1.0,
-        sine2=sine(way.last),
         elements=names,
-        relays=(way.relay_words(first[0]) if first else "", way.relay_words(way.last)),
+        relays=tuple(map(way.relay_words, spaces)),
+        sines=tuple(map(sine, spaces)),
     )
 
 
@@ -427,12 +427,10 @@ PRIOR_SIGMA: Mapping[str, float] = {
     "source_log_amplitude": 0.5,
     "source_opd_m": 200e-9,
     "warp_m": 20e-6,
-    "zernike1_m": 200e-9,
-    "zernike2_m": 200e-9,
-    "pupil1_log_amplitude": 0.3,
-    "pupil2_log_amplitude": 0.3,
+    "zernike_m": 200e-9,
+    "pupil_log_amplitude": 0.3,
 }
-"""Standard deviation of the Gaussian prior of each tensor's elements, in the tensor's unit.
+"""Standard deviation of the Gaussian prior of the elements of each kind of tensor (`map_kind`), in the tensor's unit.
 
 The prior has its mean at the nominal bench, so elements that the captures don't determine stay near zero.
 """
@@ -505,7 +503,9 @@ class CalibrationModel:
 
 def prior_penalty(tensors: Mapping[str, Tensor]) -> Tensor:
     """Σ (θ/σ)² over all elements θ of the tensors, with σ from PRIOR_SIGMA: −2 log(prior) up to a constant."""
-    parts = [(tensor / PRIOR_SIGMA[name]).square().sum() for name, tensor in tensors.items() if tensor.numel()]
+    parts = [
+        (tensor / PRIOR_SIGMA[map_kind(name)]).square().sum() for name, tensor in tensors.items() if tensor.numel()
+    ]
     return torch.stack(parts).sum()
 
 
@@ -517,8 +517,8 @@ _TEXTS = ("layout", "settings", "progress", "known", "captures")
 
 def _format(layout: MapLayout | None) -> TensorFormat:
     """The file format for the maps of a layout; with None, for reading the metadata only."""
-    shapes = {} if layout is None else layout.shapes()
-    schemas = [part for map_ in MAP_SCHEMAS if 0 not in shapes.get(map_.name, (0,)) for part in _part_schemas(map_)]
+    shapes, maps = ({}, ()) if layout is None else (layout.shapes(), map_schemas(layout))
+    schemas = [part for map_ in maps if 0 not in shapes[map_.name] for part in _part_schemas(map_)]
     return TensorFormat(
         name="holoview-calibration-checkpoint",
         version="1",
@@ -623,6 +623,9 @@ def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
     return CalibrationCheckpoint(layout, settings, texts["known"], texts["captures"], progress, tensors)
 
 
+_SLM_KEYS = ("pitch_m", "num_levels", "opd_range_m")  # a chain, which has the rest, is part of a digest itself
+
+
 def captures_digest(captures: Captures) -> str:
     """SHA-256 (hexadecimal) of the captures' patterns, images, conditions and geometry."""
     digest = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
@@ -632,7 +635,7 @@ def captures_digest(captures: Captures) -> str:
     if camera["integrates"] is None:  # not stated, as in all files of former versions
         del camera["integrates"]
     bench: dict[str, Any] = {
-        "slms": [dataclasses.asdict(slm) for slm in captures.slms],
+        "slms": [{key: getattr(slm, key) for key in _SLM_KEYS} for slm in captures.slms],
         "camera": camera,
         "gap": captures.gap_m,
         "focal_length": captures.focal_length_m,
@@ -757,7 +760,7 @@ class _Training:
         with torch.no_grad():
             for (name, tensor), gradient in zip(leaves.items(), gradients, strict=True):
                 tensor.requires_grad_(False)
-                tensor.sub_(self.adam[name].unit_step(gradient), alpha=rate * LEARNING_RATES[name])
+                tensor.sub_(self.adam[name].unit_step(gradient), alpha=rate * LEARNING_RATES[map_kind(name)])
 
     def _loss(self, batch: NDArray[np.intp]) -> Tensor:
         """The loss of a batch, with gradients; also updates the model errors of its captures."""

@@ -9,7 +9,7 @@ The hyperspectral model of HoloChrome, with the fringing of its modulators, at a
     warp           modulator 2 is seen at r − d(r), where d is the thin-plate spline through displacements at nodes
                    (Duchon 1977; Bookstein, IEEE PAMI 11, 567 (1989))
                    Of a chain every element that shows patterns has a table and fringing, and none a warp; the source is
-                   the light on its field, relay 1 the first space between its elements, relay 2 that to the planes.
+                   the light on its field, and each of its spaces, that to the planes too, is a relay.
     relay          exp(b(s) + 2πi·opd/λ), opd = Σ_jp c_jp·Z_j(s)·((λ − λ₀)/100 nm)^p over direction sines s = λu from
                    the centre of its stops.
                    A feature fixed in the optics shrinks in frequency as λ₀/λ.
@@ -24,6 +24,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -50,6 +51,26 @@ _LEAST_VARIANCE = 1e-6  # pixels²; a blur of a thousandth of a pixel changes no
 
 
 @dataclass(frozen=True)
+class RelayMaps:
+    """The maps of one relay. name: for people. zernike, pupil: names of its tensors.
+
+    noll: Noll indices of its Zernike terms. pupil_nodes: (rows, columns). sine: direction sine at its edge.
+    """
+
+    name: str
+    zernike: str
+    pupil: str
+    noll: tuple[int, ...]
+    pupil_nodes: RowsColumns
+    sine: float
+
+
+def map_kind(name: str) -> str:
+    """A tensor's name without its relay: "zernike_m" of "zernike1_m" and of "zernike_m/space1"."""
+    return re.sub(r"^(zernike|pupil)[12]|/.*", r"\1", name)
+
+
+@dataclass(frozen=True)
 class MapLayout:
     """The maps of a calibration and their sizes. An empty tuple or (0, 0) means that there is no such map.
 
@@ -58,12 +79,16 @@ class MapLayout:
     anchors_m: wavelengths of the source's maps, rising.
     knots: of each response table.
     source_nodes, warp_nodes, pupil_nodes: (rows, columns) of nodes.
-    noll1, noll2: Noll indices of the Zernike terms of each relay.
+    noll1, noll2: Noll indices of the Zernike terms of each relay; of a chain of the spaces between its elements, and of
+    that to the planes.
     degree: of their polynomial in the wavelength.
     sine1, sine2: direction sine at the edge of each relay's aperture.
     fringing: whether fringing is learned.
     elements: of a chain, the names of the elements that show patterns, in order; empty of a short form.
-    relays: of a chain, the names (`Way.relay_words`) of the spaces that are relay 1, "" without one, and relay 2.
+    relays: of a chain, the names (`Way.relay_words`) of its spaces, that to the planes last.
+    sines: of a chain, the direction sine at the edge of the aperture of each of `relays`. Files that former versions
+    wrote of chains have none: their relays are the first space, "" without one, and that to the planes, with the
+    tensors and sines of relays 1 and 2.
     """
 
     modulators: int
@@ -81,27 +106,42 @@ class MapLayout:
     fringing: bool = True
     elements: tuple[str, ...] = ()
     relays: tuple[str, ...] = ()
+    sines: tuple[float, ...] = ()
+
+    @property
+    def relay_maps(self) -> tuple[RelayMaps, ...]:
+        """The maps of each relay, in the order of the light."""
+        if self.sines:
+            nolls = (*[self.noll1] * (len(self.relays) - 1), self.noll2)
+            return tuple(
+                RelayMaps(name, f"zernike_m/{name}", f"pupil_log_amplitude/{name}", noll, self.pupil_nodes, sine)
+                for name, noll, sine in zip(self.relays, nolls, self.sines, strict=True)
+            )
+        names = self.relays or ("relay 1", "relay 2")
+        has_relay1 = names[0] != "" if self.relays else self.modulators == 2
+        nodes = self.pupil_nodes if has_relay1 else (0, 0)
+        return (
+            RelayMaps(names[0], "zernike1_m", "pupil1_log_amplitude", self.noll1, nodes, self.sine1),
+            RelayMaps(names[1], "zernike2_m", "pupil2_log_amplitude", self.noll2, self.pupil_nodes, self.sine2),
+        )
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of every tensor; a size is 0 where there is no such map."""
         powers, anchors = self.degree + 1, len(self.anchors_m)
-        has_relay1 = self.relays[0] != "" if self.relays else self.modulators == 2
         return {
             "lut_steps": (self.modulators, self.knots - 1),
             "fringing_px2": (self.modulators,) if self.fringing else (0,),
             "source_log_amplitude": (anchors, *self.source_nodes),
             "source_opd_m": (anchors, *self.source_nodes),
             "warp_m": (2, *self.warp_nodes),
-            "zernike1_m": (len(self.noll1), powers),
-            "zernike2_m": (len(self.noll2), powers),
-            "pupil1_log_amplitude": self.pupil_nodes if has_relay1 else (0, 0),
-            "pupil2_log_amplitude": self.pupil_nodes,
+            **{own.zernike: (len(own.noll), powers) for own in self.relay_maps},
+            **{own.pupil: own.pupil_nodes for own in self.relay_maps},
         }
 
     def to_json(self) -> str:
         """The layout as JSON; of a short form as former versions read it."""
         table = dataclasses.asdict(self)
-        own = {name: value for name, value in table.items() if value or name not in ("elements", "relays")}
+        own = {name: value for name, value in table.items() if value or name not in ("elements", "relays", "sines")}
         return json.dumps(own)
 
     def number_of(self, context: ModulatorContext) -> int:
@@ -221,7 +261,7 @@ class LearnedMaps:
 
     def relay_opd(self, context: RelayContext) -> Tensor:
         """The optical path (m) of a relay at the frequencies of the context, (rows, columns)."""
-        coefficients = self.tensors[f"zernike{context.relay + 1}_m"]
+        coefficients = self.tensors[self.layout.relay_maps[context.relay].zernike]
         x = (context.wavelength_m - self.layout.reference_m) / _WAVELENGTH_UNIT_M
         powers = torch.tensor([x**p for p in range(self.layout.degree + 1)], dtype=coefficients.dtype)
         terms = self._zernikes(context)
@@ -229,8 +269,9 @@ class LearnedMaps:
 
     def relay_amplitude(self, context: RelayContext) -> Tensor:
         """The amplitude transmission of a relay at the frequencies of the context, (rows, columns)."""
-        nodes, sine = self.tensors[f"pupil{context.relay + 1}_log_amplitude"], self._sine(context)
-        scale = [(n - 1) / 2 / sine for n in nodes.shape]
+        own = self.layout.relay_maps[context.relay]
+        nodes = self.tensors[own.pupil]
+        scale = [(n - 1) / 2 / own.sine for n in nodes.shape]
         shape = (len(context.sine_y), context.sine_x.shape[1])
         sine_y, sine_x = context.sines_from_centre
         y, x = (s.to(nodes.dtype).expand(shape) for s in (sine_y * scale[0], sine_x * scale[1]))
@@ -243,27 +284,25 @@ class LearnedMaps:
             if own not in self.layout.relays:
                 return pupil
             context = dataclasses.replace(context, relay=self.layout.relays.index(own))
+        maps = self.layout.relay_maps[context.relay]
 
         def make() -> Tensor:
             shape = (len(context.sine_y), context.sine_x.shape[1])
             learned = torch.ones(shape, dtype=pupil.dtype)
-            if self.has(f"pupil{context.relay + 1}_log_amplitude"):
+            if self.has(maps.pupil):
                 learned = learned * self.relay_amplitude(context)
-            if self.has(f"zernike{context.relay + 1}_m"):
+            if self.has(maps.zernike):
                 learned = context.delayed(learned, self.relay_opd(context))
             return learned
 
         return pupil * _cached(self._of_tensors, ("pupil", *_frequencies_key(context)), make)
 
-    def _sine(self, context: RelayContext) -> float:
-        return self.layout.sine2 if context.relay else self.layout.sine1
-
     def _zernikes(self, context: RelayContext) -> Tensor:
-        noll = self.layout.noll2 if context.relay else self.layout.noll1
+        own = self.layout.relay_maps[context.relay]
 
         def make() -> Tensor:
-            radius = torch.hypot(*context.sines_from_centre) / self._sine(context)
-            return torch.stack([zernike(j, radius, context.angle) for j in noll])
+            radius = torch.hypot(*context.sines_from_centre) / own.sine
+            return torch.stack([zernike(j, radius, context.angle) for j in own.noll])
 
         return _cached(self._of_layout, ("zernikes", *_frequencies_key(context)), make)
 
@@ -301,18 +340,26 @@ _LOG_AMPLITUDE = (-20.0, 20.0)
 _PATH_M = (-1e-4, 1e-4)
 _SOURCE = ("anchor", "source rows", "source columns")
 
-MAP_SCHEMAS = (
+_SCHEMAS = (
     ArraySchema("lut_steps", _F32, ("modulator", "step"), -20.0, 20.0),
     ArraySchema("fringing_px2", _F32, ("fringed modulator",), -400.0, 400.0),
     ArraySchema("source_log_amplitude", _F32, _SOURCE, *_LOG_AMPLITUDE),
     ArraySchema("source_opd_m", _F32, _SOURCE, *_PATH_M),
     ArraySchema("warp_m", _F32, (2, "warp rows", "warp columns"), -1e-2, 1e-2),
-    ArraySchema("zernike1_m", _F32, ("term of relay 1", "power"), *_PATH_M),
-    ArraySchema("zernike2_m", _F32, ("term of relay 2", "power"), *_PATH_M),
-    ArraySchema("pupil1_log_amplitude", _F32, ("pupil 1 rows", "pupil 1 columns"), *_LOG_AMPLITUDE),
-    ArraySchema("pupil2_log_amplitude", _F32, ("pupil 2 rows", "pupil 2 columns"), *_LOG_AMPLITUDE),
 )
-"""The schemas of the tensors of a layout."""
+
+
+def map_schemas(layout: MapLayout) -> tuple[ArraySchema, ...]:
+    """The schemas of the tensors of a layout."""
+    zernikes = [ArraySchema(own.zernike, _F32, (f"term of {own.name}", "power"), *_PATH_M) for own in layout.relay_maps]
+    pupils = [
+        ArraySchema(
+            own.pupil, _F32, tuple(f"pupil {axis} of {own.name}" for axis in ("rows", "columns")), *_LOG_AMPLITUDE
+        )
+        for own in layout.relay_maps
+    ]
+    return (*_SCHEMAS, *zernikes, *pupils)
+
 
 _EXPECTED = "the layout of a calibration"
 _MOST = {"knots": 4096, "degree": 8, "anchors_m": 256, "noll1": 231, "noll2": 231}
@@ -333,7 +380,7 @@ def map_sizes(layout: MapLayout) -> dict[str, int]:
     shapes = layout.shapes()
     return {
         axis: size
-        for schema in MAP_SCHEMAS
+        for schema in map_schemas(layout)
         for axis, size in zip(schema.axes or (), shapes[schema.name], strict=True)
         if isinstance(axis, str)
     }
@@ -344,8 +391,12 @@ def _faults(layout: MapLayout) -> Iterator[tuple[str, str]]:
     if layout.elements:
         if layout.modulators != len(layout.elements) or len({*layout.elements}) != layout.modulators:
             yield "elements", f"{layout.modulators} names that differ"
-        if len(layout.relays) != 2 or not layout.relays[1]:
-            yield "relays", "names of two spaces"
+        count, relays = len(layout.sines) or 2, layout.relays
+        nameless = "" in (relays if layout.sines else relays[1:])
+        if nameless or len(relays) != count or len({*relays}) != count:
+            yield "relays", f"{count} names that differ"
+    elif layout.relays or layout.sines:
+        yield "relays", "none without elements"
     elif layout.modulators not in (1, 2):
         yield "modulators", "1 or 2"
     low, high = _WAVELENGTHS_M
@@ -366,18 +417,20 @@ def _faults(layout: MapLayout) -> Iterator[tuple[str, str]]:
     for name in ("noll1", "noll2"):
         if not all(1 <= index <= _MOST[name] for index in getattr(layout, name)):
             yield name, f"indices from 1 to {_MOST[name]}"
-    for name in ("sine1", "sine2"):
-        if not 1e-6 <= getattr(layout, name) <= 1:
+    for name, sines in (("sine1", (layout.sine1,)), ("sine2", (layout.sine2,)), ("sines", layout.sines)):
+        if not all(1e-6 <= sine <= 1 for sine in sines):
             yield name, "a direction sine above 0, at most 1"
 
 
-_FORMAT = TensorFormat(
-    name="holoview-calibration",
-    version="1",
-    what="the maps of a calibration that `holoview calibrate` wrote",
-    tensors=MAP_SCHEMAS,
-    metadata_keys=("layout", "summary"),
-)
+def _format(layout: MapLayout | None) -> TensorFormat:
+    """The file format for the maps of a layout; with None, for reading the metadata only."""
+    return TensorFormat(
+        name="holoview-calibration",
+        version="1",
+        what="the maps of a calibration that `holoview calibrate` wrote",
+        tensors=() if layout is None else map_schemas(layout),
+        metadata_keys=("layout", "summary"),
+    )
 
 
 @dataclass(frozen=True)
@@ -391,14 +444,16 @@ class CalibrationFile:
 def write_calibration(path: str | os.PathLike[str], learned: LearnedMaps, summary: Mapping[str, Any]) -> None:
     """Writes the file atomically. Raises UserError when it can't be written."""
     tensors = {name: tensor.detach().float().numpy() for name, tensor in learned.tensors.items()}
-    _FORMAT.write(path, tensors, {"layout": learned.layout.to_json(), "summary": json.dumps(summary)})
+    _format(learned.layout).write(path, tensors, {"layout": learned.layout.to_json(), "summary": json.dumps(summary)})
 
 
 def read_calibration(path: str | os.PathLike[str]) -> CalibrationFile:
-    """Reads the file. Raises UserError when it is missing, damaged, of another format, or not as `MAP_SCHEMAS` says."""
-    with _FORMAT.open(path) as file:
-        layout = read_layout(file.texts["layout"], f"{path}: layout")
-        summary = parse_json_table(file.texts["summary"], f"{path}: summary", "the scores of a calibration")
+    """Reads the file. Raises UserError when it is missing, damaged, of another format, or not as `map_schemas` says."""
+    with _format(None).open(path) as file:
+        texts = file.texts
+    layout = read_layout(texts["layout"], f"{path}: layout")
+    summary = parse_json_table(texts["summary"], f"{path}: summary", "the scores of a calibration")
+    with _format(layout).open(path) as file:
         arrays = file.tensors(map_sizes(layout))
     maps = LearnedMaps(layout, {name: torch.from_numpy(array) for name, array in arrays.items()})
     return CalibrationFile(maps, summary)
