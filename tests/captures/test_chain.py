@@ -42,8 +42,11 @@ FAR = (PHASE, WAY, FOURIER, IN_PLANE, {"name": "last", "kind": "space", "iris_na
 
 
 def _blank(*elements: dict[str, Any]) -> Captures:
-    settings = AcquisitionSettings(captures_per_condition=2)
-    return blank_captures(_chain(*elements), settings, np.random.default_rng(3))
+    return _blank_of(_chain(*elements))
+
+
+def _blank_of(chain: System) -> Captures:
+    return blank_captures(chain, AcquisitionSettings(captures_per_condition=2), np.random.default_rng(3))
 
 
 def _deviation(captures: Captures, effects: dict[str, dict[str, Any]], k: int) -> float:
@@ -148,11 +151,48 @@ def test_what_a_capture_file_cannot_hold_is_refused(tmp_path: Path) -> None:
     for elements, words in (
         ((PHASE, {"name": "wide", "kind": "complex", "pitch": 8 * UM, "shape": (18, 24)}), "a complex modulator"),
         ((PHASE, own), "a mask from a file"),
+        ((PHASE | {"levels": [0, 0.3, 1]}, WAY, COARSE), "levels: aren't equal steps"),
     ):
         with pytest.raises(hv.UserError, match=words):
             make_captures(_chain(*elements))
     with pytest.raises(hv.UserError, match="focal length: with a chain"):
         make_captures(_chain(), settings=AcquisitionSettings(2, focal_length_m=0.1))
+
+
+def test_the_levels_of_a_measured_table_are_those_of_an_effect(tmp_path: Path) -> None:
+    """An amplitude modulator whose table is x^1.4, in the nominal bench or as what is hidden in one of equal steps."""
+    table = (np.linspace(0, 1, 16) ** 1.4).tolist()
+    settings = AcquisitionSettings(2)
+    pair = [_chain(PHASE, WAY, COARSE | {"levels": levels}, LAST) for levels in (table, 16)]
+    effect = {"amplitude_gamma@coarse": {"gamma": 1.4}}
+    own, hidden = (make_captures(*made, settings) for made in zip(pair, ({}, effect), strict=True))
+    assert np.array_equal(own.levels, hidden.levels)  # the levels that were sent
+    np.testing.assert_array_equal(own.patterns(own.drive(3))["coarse"], np.array(table)[own.levels[3, 1, :6, :8]])
+    before = own.levels[2, 1, :6, :8]
+    np.testing.assert_array_equal(own.patterns(own.drive_before(3))["coarse"], np.array(table)[before])
+    predicted = Predictor(own, double_precision=True)([3]).signal
+    expected = Predictor(hidden, double_precision=True)([3], effect).signal
+    np.testing.assert_allclose(predicted, expected, rtol=1e-9)
+    assert not np.allclose(predicted, Predictor(hidden)([3]).signal, rtol=1e-2)  # of equal steps
+    assert _deviation(replace(own, exposure_s=np.ones(len(own))), {}, 3) < 1e-12
+    write_captures(tmp_path / "table.h5", own)
+    read = read_captures(tmp_path / "table.h5")
+    assert read.slms == own.slms and read.slms[1].shares == tuple(table)
+    with h5py.File(tmp_path / "table.h5", "r+") as h5:
+        h5["elements/coarse/levels"].attrs["num_levels"] = 17
+    with pytest.raises(hv.UserError, match="num_levels: 17; expected 16, as the chain has"):
+        read_captures(tmp_path / "table.h5")
+
+
+def test_shares_are_sent_as_the_nearest_levels() -> None:
+    table = np.linspace(0, 1, 16) ** 1.4
+    chain = _chain(PHASE | {"levels": 16}, WAY, COARSE | {"levels": table.tolist()}, LAST)
+    wanted = np.random.default_rng(5).uniform(0, 1, 200)
+    for slm, shown in zip(_blank_of(chain).slms, (np.linspace(0, 1, 16), table), strict=True):
+        sent = slm.levels_of(wanted)
+        np.testing.assert_array_equal(np.abs(shown[sent.astype(int)] - wanted), np.abs(shown - wanted[:, None]).min(1))
+        np.testing.assert_array_equal(slm.levels_of(slm.shares_of(np.arange(16))), np.arange(16))
+        np.testing.assert_allclose(slm.shares_of(np.array([2.5])), shown[2:4].mean())
 
 
 def test_captures_are_told_by_their_elements() -> None:

@@ -17,6 +17,7 @@ from holoview.bench.experiment.lut_sweep import DEVIATION, TRANSMITTED, LutMeasu
 from holoview.bench.rig import RigDescription, read_rig
 from holoview.commands.cli import main
 from holoview.util.errors import UserError
+from holoview.viewer.document.rig_session import drive_pattern
 from tests.rig.conftest import direct_devices
 from tests.rig.test_chain_rig import CAMERA, COARSE, PHASE, SPACE, chain_of, write_chain_rig
 
@@ -101,6 +102,17 @@ def test_light_that_no_table_explains_is_refused(light: dict[int, float], said: 
         fit_amplitudes(light, dict.fromkeys(light, 1e-3), "t.csv")
 
 
+def test_the_levels_of_a_table_rise_as_a_preset_takes_them() -> None:
+    """Two levels that let equal light through, and levels between those that were sent."""
+    sent, amplitude = (0, 3, 6, 9, 12), (0.2, 0.2, 0.6, 0.6, 1.0)
+    found = fit_amplitudes({n: a**2 for n, a in zip(sent, amplitude, strict=True)}, dict.fromkeys(sent, 1e-4), "t")
+    assert len(found.shares) == 13 and (np.diff(found.shares) > 0).all()
+    assert found.shares[0] == 0.0 and found.shares[-1] == 1.0
+    np.testing.assert_allclose(found.shares[[3, 4, 6, 9, 11]], [0, 1 / 6, 0.5, 0.5, 5 / 6], atol=1e-7)
+    chain = chain_of(WIDE, SPACE, FINE).edit({"elements.coarse.levels": found.as_toml["levels"]})
+    np.testing.assert_array_equal(chain.elements[2].levels, found.shares)  # type: ignore[attr-defined]
+
+
 def test_the_command_writes_what_a_preset_takes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -115,6 +127,11 @@ def test_the_command_writes_what_a_preset_takes(
     assert chain is not None
     changed = chain.edit({f"elements.coarse.{key}": table[key] for key in ("range", "levels")})
     assert changed.elements[2].range == (table["range"][0], 1.0)  # type: ignore[attr-defined]
+    measured = read_rig(write_chain_rig(tmp_path, {**SEEN, **NEAR}, changed))  # a rig of this bench
+    assert len(table["levels"]) == 64 and measured.bench.slms[1].shares == tuple(table["levels"])
+    drive = drive_pattern(measured, {"phase": np.zeros((1, 32, 64)), "coarse": np.full((1, 16, 32), 0.5)}, "half")
+    level = int(drive.levels[1, 0, 0])
+    assert abs(table["levels"][level] - 0.5) == min(abs(own - 0.5) for own in table["levels"])
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from holoview.util.errors import UserError
 Floats = NDArray[np.float64]
 FORMAT, VERSION = "holoview-amplitudes", 1
 _WORST = 0.02  # of the last level's amplitude, that a table that never falls may leave
+_LEAST_RISE = 1e-9  # of the range, from a level to the next
 _SEEN = 2.0  # standard deviations from which black pixels' light is seen
 
 
@@ -47,12 +48,23 @@ class AmplitudeTable:
         return self.black > _SEEN * self.black_deviation
 
     @property
+    def shares(self) -> Floats:
+        """The share of the range that each level from 0 to the last one shows; linear between those that were sent.
+
+        They rise, as a preset's levels do: where neighbours let equal light through, by a billionth for each level.
+        """
+        low, every = float(self.amplitude[0]), np.arange(self.levels[-1] + 1)
+        shares = np.asarray((np.interp(every, self.levels, self.amplitude) - low) / (1 - low))
+        if np.diff(shares).min() < _LEAST_RISE:
+            shares = shares + _LEAST_RISE * every
+        return np.asarray(shares / shares[-1])
+
+    @property
     def as_toml(self) -> dict[str, Any]:
-        """Its numbers; `range` and `levels` as a preset's amplitude modulator has them."""
-        low = float(self.amplitude[0])
+        """Its numbers; `range` and `levels` as a preset's amplitude modulator has them. sent: the measured levels."""
         return {
-            "range": [low, 1.0],
-            "levels": ((self.amplitude - low) / (1 - low)).tolist(),
+            "range": [float(self.amplitude[0]), 1.0],
+            "levels": self.shares.tolist(),
             "sent": self.levels.tolist(),
             "black": self.black,
             "black_deviation": self.black_deviation,

@@ -38,6 +38,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -56,6 +57,7 @@ from holoview.bench.captures.nominal_bench import (
     camera_from_attributes,
     parse_bench_tables,
     slm_from_attributes,
+    slm_of,
     stop_attributes,
     stops_from_attributes,
 )
@@ -319,8 +321,11 @@ def _slms_of_chain(h5: h5py.File, chain: System, levels: Sequence[DatasetReader]
     for element, (_, *shape), reader in zip(shown, chain.drive_shapes.values(), levels, strict=True):
         if list(reader.shape[1:]) != shape:
             raise UserError(reader.name, f"{reader.shape[1:]} pixels", expected=f"{tuple(shape)}, as the chain has")
-        count = _numbers(h5, reader.name, SLM_NUMBERS[1:2])["num_levels"]
-        found.append(SlmSpec(element.pitch_m, int(count), getattr(element, "stroke_m", 0.0)))
+        count, own = int(_numbers(h5, reader.name, SLM_NUMBERS[1:2])["num_levels"]), slm_of(element)
+        if own.shares and count != own.num_levels:
+            where = f"{reader.name} attribute num_levels"
+            raise UserError(where, f"{count}", expected=f"{own.num_levels}, as the chain has")
+        found.append(replace(own, num_levels=count))
     return tuple(found)
 
 

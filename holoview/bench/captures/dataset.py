@@ -99,11 +99,28 @@ _CLEAR = Relay()
 
 @dataclass(frozen=True)
 class SlmSpec:
-    """A modulator whose grey levels 0 … num_levels − 1 nominally add 0 … opd_range_m of optical path in equal steps."""
+    """A modulator whose grey levels 0 … num_levels − 1 nominally add 0 … opd_range_m of optical path in equal steps.
+
+    shares: of an amplitude modulator with uneven steps, the share of its range that each level shows; else empty.
+    """
 
     pitch_m: float
     num_levels: int
     opd_range_m: float
+    shares: tuple[float, ...] = ()
+
+    def shares_of(self, levels: NDArray[Any]) -> Floats:
+        """The shares, 0 … 1, of the stroke or range that levels show; between whole levels linear."""
+        if not self.shares:
+            return np.asarray(levels / float(self.num_levels - 1))
+        return np.interp(levels, np.arange(self.num_levels), self.shares)
+
+    def levels_of(self, shares: NDArray[Any]) -> Floats:
+        """The levels nearest to shares of the stroke or range."""
+        if not self.shares:
+            return np.rint(np.asarray(shares) * (self.num_levels - 1))
+        own = np.array(self.shares)
+        return np.searchsorted((own[1:] + own[:-1]) / 2, shares).astype(np.float64)
 
 
 @lru_cache(maxsize=16)  # a search asks for the nominal bench of the same modulators thousands of times
@@ -305,7 +322,7 @@ class Captures:
 
     def drive(self, capture: int) -> Floats:
         """The patterns of one capture as fractions of the stroke, 0 … 1, (modulator, y, x)."""
-        return self.levels[capture] / self._highest_levels
+        return self._shares_of(self.levels[capture])
 
     def patterns(self, drive: Any) -> dict[str, Any]:
         """The patterns (rows, columns) of a chain's elements by their names, from those of `drive`."""
@@ -315,17 +332,16 @@ class Captures:
 
     def drive_before(self, capture: int) -> Floats:
         """As `drive`, of the capture that was taken before, in the order of the file; for the first its own drive."""
-        return self._levels_before(capture) / self._highest_levels
+        return self._shares_of(self._levels_before(capture))
 
     @property
     def first_drive(self) -> Floats:
         """As `drive`, of the first capture of all."""
-        first = self.levels[0] if self.levels_first is None else self.levels_first
-        return first / self._highest_levels
+        return self._shares_of(self.levels[0] if self.levels_first is None else self.levels_first)
 
-    @property
-    def _highest_levels(self) -> Floats:
-        return np.array([slm.num_levels - 1 for slm in self.slms], dtype=np.float64)[:, None, None]
+    def _shares_of(self, levels: NDArray[Any]) -> Floats:
+        """Levels (modulator, y, x) as fractions of the stroke or range."""
+        return np.stack([slm.shares_of(own) for slm, own in zip(self.slms, levels, strict=True)])
 
     def _levels_before(self, capture: int) -> NDArray[np.unsignedinteger] | Floats:
         if self.levels_before is not None:

@@ -18,10 +18,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.bench.captures.dataset import Camera, SlmSpec
 from holoview.light.model.bench_parts import Relay, Source
-from holoview.light.model.elements import ComplexModulator, Mask, Pixels
+from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Mask, Pixels
 from holoview.light.model.fields import FieldType, Number, Truth, fields_by_key, to_mapping
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
@@ -198,7 +199,12 @@ def slm_of(element: Pixels) -> SlmSpec:
     """What captures state of an element that shows patterns; the path of full drive is 0 for an amplitude."""
     levels = getattr(element, "levels", None)
     count = _DEFAULT_NUM_LEVELS if levels is None else len(levels)
-    return SlmSpec(element.pitch_m, count, getattr(element, "stroke_m", 0.0))
+    shares = () if levels is None or _are_even(levels) else tuple(levels.tolist())
+    return SlmSpec(element.pitch_m, count, getattr(element, "stroke_m", 0.0), shares)
+
+
+def _are_even(levels: NDArray[np.float64]) -> bool:
+    return np.array_equal(levels, np.linspace(0, 1, len(levels)))
 
 
 def check_nominal(system: System) -> None:
@@ -214,7 +220,7 @@ def check_nominal(system: System) -> None:
         raise UserError("source", "isn't a single wave on the axis", expected="one plane wave", remedy=remedy)
     for element in system.elements:
         levels = getattr(element, "levels", None)
-        if levels is not None and not np.array_equal(levels, np.linspace(0, 1, len(levels))):
+        if levels is not None and not isinstance(element, AmplitudeModulator) and not _are_even(levels):
             raise UserError("levels", "aren't equal steps", expected="equal steps of the stroke", remedy=remedy)
         if isinstance(element, ComplexModulator):
             expected = "phase and amplitude modulators, whose levels a capture file holds"

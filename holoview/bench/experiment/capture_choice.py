@@ -170,7 +170,7 @@ def _grating_class(rig: RigDescription, number: int) -> PatternClass:
         period, angle = int(rng.choice(_PERIODS_PX)), float(rng.uniform(0, np.pi))
         y, x = np.indices((rows, columns))
         wave = 0.5 + 0.5 * np.sin(2 * np.pi * (x * np.cos(angle) + y * np.sin(angle)) / period)
-        levels[number, :rows, :columns] = np.rint(wave * (rig.bench.slms[number].num_levels - 1))
+        levels[number, :rows, :columns] = rig.bench.slms[number].levels_of(wave)
         beside = f", {_noise(3.0)} on {_others(rig, number)}" if len(levels) > 1 else ""
         return levels, f"grating of {period} px on {rig.slm_words[number]}{beside}"
 
@@ -579,5 +579,5 @@ def _as_levels(drive: NDArray[np.float64], levels: Levels, taken: Captures) -> L
     result = levels.copy()
     rows, columns = central_slices(levels.shape[1:], (drive.shape[1], drive.shape[2]))
     for own, pattern, slm in zip(result, drive, taken.slms, strict=True):
-        own[rows, columns] = np.rint(pattern * (slm.num_levels - 1))
+        own[rows, columns] = slm.levels_of(pattern)
     return result

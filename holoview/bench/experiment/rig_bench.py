@@ -75,7 +75,7 @@ def _with_levels(system: System, rig: RigDescription) -> System:
     """A system with the rig's levels where its modulators have none."""
     place = "elements.{}.levels" if system.is_chain else "modulators.{}.levels"
     levels = {
-        place.format(key): slm.num_levels
+        place.format(key): list(slm.shares) or slm.num_levels
         for slm, (key, modulator) in zip(rig.bench.slms, shown_by(system).items(), strict=True)
         if modulator.levels is None
     }

@@ -342,7 +342,7 @@ def _levels(phase: Points, inside: NDArray[np.bool_], optics: Optics) -> Levels:
         steps = waves * min(optics.wavelength_m / slm.opd_range_m, 1.0)
     else:
         steps = np.where(inside, 0.5 + 0.5 * np.cos(phase), 0.0)
-    return np.rint(steps * (slm.num_levels - 1)).astype(_levels_type(optics))
+    return slm.levels_of(steps).astype(_levels_type(optics))
 
 
 def _levels_type(optics: Optics) -> type[np.unsignedinteger]:

@@ -121,7 +121,7 @@ def drive_pattern(rig: RigDescription, drive: Patterns, label: str, frame: int =
         expected = f"{words[1]} as the rig has"
         raise UserError(label, f"patterns of {words[0]}", expected=expected, remedy=_REMEDY)
     levels = [
-        np.rint(np.clip(np.asarray(shown[name], np.float64), 0.0, 1.0) * (slm.num_levels - 1)).astype(rig.levels_type)
+        slm.levels_of(np.clip(np.asarray(shown[name], np.float64), 0.0, 1.0)).astype(rig.levels_type)
         for name, slm in zip(rig.modulator_names, rig.bench.slms, strict=True)
     ]
     return SentPattern(rig.together(levels), label)
