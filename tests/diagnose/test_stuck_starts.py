@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings
+from holoview.bench.captures.virtual_measurement import make_captures as measure
 from holoview.bench.diagnose import screening
 from holoview.bench.diagnose.report.error_places import find_pixel_maps, flicker_notes, line_notes
 from holoview.bench.diagnose.search_context import SearchContext
@@ -25,6 +28,7 @@ from holoview.bench.diagnose.starts.stuck import (
 )
 from holoview.bench.diagnose.starts.transmission_slopes import line_gains, replacement_gains, significance
 from holoview.light.model.effects.registry import listed_effects
+from holoview.light.model.system import System
 from tests.diagnose.conftest import MakeContext, make_context_of
 from tests.explored import explored
 
@@ -193,4 +197,38 @@ def test_a_column_whose_levels_change_from_capture_to_capture_is_told_from_one_t
     context = make_context_of(dataclasses.replace(nominal, images=images.astype(np.uint16)))
     (note,) = flicker_notes(context, {}, find_pixel_maps(context, {}))
     assert note.startswith("Column 17 of modulator 2 shows levels ")
+    assert ("change from capture to capture" in note) is changes
+
+
+PANEL = {"kind": "phase", "pitch": "8 um", "shape": [24, 32], "stroke": "825 nm", "levels": 16}
+STOPPED = {"kind": "space", "distance": "1 mm", "iris_na": 0.03}
+FILTER = {"kind": "amplitude", "name": "filter", "pitch": "8 um", "shape": [24, 32], "levels": 16}
+LENS = {"kind": "fourier", "name": "lens", "focal_length": "2.4 mm"}
+LAST = {"kind": "space", "iris_na": 0.03}
+
+
+def _chain(*elements: dict[str, Any]) -> System:
+    return System(["450 nm", "600 nm"], [[1.0, 1.0]], elements=[*elements, LAST], planes_m=["3 mm"], observer="mono")
+
+
+@pytest.mark.parametrize("place", [STOPPED, LENS], ids=["behind a space", "in the Fourier plane"])
+@pytest.mark.parametrize("name", ["phase", "filter"])
+@pytest.mark.parametrize("changes", [True, False])
+def test_a_line_of_an_element_of_a_chain_is_told_by_its_name(place: dict[str, Any], name: str, changes: bool) -> None:
+    line = 21
+    captures = measure(_chain(PANEL, place, FILTER), {}, AcquisitionSettings(captures_per_condition=6, seed=5))
+    number, levels, rng = ["phase", "filter"].index(name), captures.levels.copy(), np.random.default_rng(3)
+    rows = captures.chain.drive_shapes[name][1]  # type: ignore[union-attr]
+    levels[:, number, :rows, line] = rng.integers(0, 16, (len(captures), rows)) if changes else 6
+    light = Predictor(dataclasses.replace(captures, levels=levels))(np.arange(len(captures)), {}).signal.numpy()
+    black, top = captures.camera.black_level, captures.camera.saturation
+    images = np.rint(black + 0.75 * (top - black) * light / light.max(axis=(1, 2), keepdims=True))
+    context = make_context_of(dataclasses.replace(captures, images=images.astype(np.uint16)))
+    maps = find_pixel_maps(context, {})
+    assert [(one.name, one.pixels.shape) for one in maps] == [("phase", (24, 32)), ("filter", (24, 32))]
+    assert int(maps[number].columns.argmax()) == line
+    (note,) = line_notes(maps)
+    assert f" of {name} (" in note
+    (note,) = flicker_notes(context, {}, maps)  # lines beside it, and those through the middle, may be free, too
+    assert re.match(rf"Columns? .*\b{line}\b.* of {name} shows? levels ", note), note
     assert ("change from capture to capture" in note) is changes

@@ -443,6 +443,7 @@ def suggest_for(place: str) -> str:
 class PixelMap:
     """How far the parts of modulator `number` (0 for the first) stand out from others, in standard deviations.
 
+    Of a chain it is the element of this number among those that show patterns; element: its name, else empty.
     pixels (y, x), columns (x,), rows (y,): at the level that gains most. first_pixel: row and column of the map's first
     pixel, in the larger modulator of which the map is the middle.
     """
@@ -452,6 +453,12 @@ class PixelMap:
     columns: Floats
     rows: Floats
     first_pixel: tuple[int, int]
+    element: str = ""
+
+    @property
+    def name(self) -> str:
+        """The modulator's name."""
+        return self.element or f"modulator {self.number + 1}"
 
     @property
     def line_sigmas(self) -> float:
@@ -463,7 +470,7 @@ class PixelMap:
         lines = zip(("row", "column"), (self.rows, self.columns), self.first_pixel, strict=True)
         name, sigmas, first = max(lines, key=lambda line: float(line[1].max()))
         number = first + int(sigmas.argmax())
-        return f"{name} {number} of modulator {self.number + 1} ({self.line_sigmas:.0f} σ)"
+        return f"{name} {number} of {self.name} ({self.line_sigmas:.0f} σ)"
 
     def conspicuous_lines(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The columns and the rows, counted in the map, that stand out nearly as much as the most conspicuous line, and
@@ -477,36 +484,44 @@ class PixelMap:
 
 
 def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
-    """The maps of all modulators, from the residuals of the fine captures with a base; none of a chain."""
+    """The maps of all modulators, from the residuals of the fine captures with a base."""
     captures = context.data.captures
-    if captures.chain is not None:
-        return ()
+    names = [""] * len(captures.slms) if captures.chain is None else list(captures.chain.drive_shapes)
     comparison = context.half_tolerant_comparison(context.split.fine, context.relative_model_error(base))
     found = []
     for number, gains in sorted(replacement_gains(context, base, comparison, LEVELS).items()):
         columns, rows = (significance(line_gains(gains, axis, LINE_SEGMENTS)).max(axis=0) for axis in (1, 2))
-        found.append(PixelMap(number, significance(gains).max(axis=0), columns, rows, captures.first_pixel))
+        pixels = significance(gains).max(axis=0)
+        found.append(PixelMap(number, pixels, columns, rows, captures.first_pixel, names[number]))
     return tuple(found)
 
 
 def line_notes(maps: Sequence[PixelMap]) -> list[str]:
-    """A note on the most conspicuous line alone: its light spreads, so that other lines may stand out because of it."""
-    most = _most_conspicuous(maps)
-    if most is None:
+    """A note on the most conspicuous line alone: its light spreads, so that other lines may stand out because of it.
+
+    Of a chain it names those of other elements, too, that stand out nearly as far: a line of one is seen in another.
+    """
+    far = _conspicuous(maps)
+    if not far:
         return []
-    return [f"Of all columns and rows of modulators, {most.describe_line()} stands out most from its neighbours."]
+    most, *others = far
+    near = [one for one in others if one.element and one.line_sigmas >= NEAR_BEST_LINES * most.line_sigmas]
+    beside = f", and nearly as far {' and '.join(one.describe_line() for one in near)}" if near else ""
+    return [
+        f"Of all columns and rows of modulators, {most.describe_line()} stands out most from its neighbours{beside}."
+    ]
 
 
-def _most_conspicuous(maps: Sequence[PixelMap]) -> PixelMap | None:
-    """The modulator whose column or row stands out most; None where none stands out far."""
-    most = max(maps, key=lambda one: one.line_sigmas, default=None)
-    return most if most is not None and most.line_sigmas >= MIN_LINE_SIGMAS else None
+def _conspicuous(maps: Sequence[PixelMap]) -> list[PixelMap]:
+    """The modulators with a column or row that stands out far, from the farthest on."""
+    far = [one for one in maps if one.line_sigmas >= MIN_LINE_SIGMAS]
+    return sorted(far, key=lambda one: -one.line_sigmas)
 
 
 class FreeLevels(Effect):
     """Some pixels of one modulator show free levels, shares of the stroke, in place of the levels that were sent.
 
-    places (y, x): the pixels. levels (pixel,): a tensor that is set from outside.
+    modulator: where they are. places (y, x): the pixels. levels (pixel,): a tensor that is set from outside.
     """
 
     id = "free_levels"
@@ -515,27 +530,38 @@ class FreeLevels(Effect):
     parameters = (Parameter("on", "1: the levels are shown."),)
     order = 1
 
-    def __init__(self, modulator_index: int, places: NDArray[np.bool_]) -> None:
+    def __init__(self, modulator: PixelMap, places: NDArray[np.bool_]) -> None:
         self.places, self.levels = torch.from_numpy(places), torch.zeros(int(places.sum()), dtype=torch.float64)
-        self.acts_on = (f"modulator {modulator_index + 1}",)  # type: ignore[misc]
+        self.element, self.on_all_elements = modulator.element, bool(modulator.element)  # type: ignore[misc]
+        self.acts_on = (modulator.name,)  # type: ignore[misc]
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        if context.element != self.element:
+            return share
         return share.masked_scatter(self.places, self.levels.to(share.dtype))
 
 
 def flicker_notes(context: SearchContext, base: FittedValues, maps: Sequence[PixelMap]) -> list[str]:
     """A note on lines whose levels aren't in the file, constant or changing from capture to capture: where levels that
-    are free in all of their pixels take away most of the excess."""
-    most = _most_conspicuous(maps)
-    if most is None:
-        return []
+    are free in all of their pixels take away most of the excess.
+
+    Lines of the most conspicuous modulator; of a chain of the element whose lines explain most.
+    """
+    far = _conspicuous(maps)
+    tried = far if context.data.captures.chain is not None else far[:1]
+    found = [note for one in tried if (note := _flicker_note(context, base, one)) is not None]
+    return [max(found)[1]] if found else []
+
+
+def _flicker_note(context: SearchContext, base: FittedValues, most: PixelMap) -> tuple[float, str] | None:
+    """The share of the excess that the lines of a modulator explain, and the note; None where that is little."""
     columns, rows = most.conspicuous_lines()
     places = np.zeros(most.pixels.shape, dtype=bool)
     places[:, columns], places[rows] = True, True
     split = context.split
     indices = np.unique(np.concatenate([split.rough, split.held_out]))
     comparison = context.model_weighted_comparison(indices, base)
-    effect = FreeLevels(most.number, places)
+    effect = FreeLevels(most, places)
     probed = comparison.with_predictor(context.predictor.create(extra_effects=[effect]))
     values: FittedValues = {**base, effect.id: {"on": 1.0}}
     noise, sent, free = comparison.pixel_count / len(indices), 0.0, 0.0
@@ -544,21 +570,26 @@ def flicker_notes(context: SearchContext, base: FittedValues, maps: Sequence[Pix
         fit = _fitted_levels(effect, values, probed, k)
         fits[k], free, sent = fit.x, free + float(fit.fun) - noise, sent + float(squares[k]) - noise
         if len(fits) in (_FIRST_CAPTURES, len(indices)) and free > _FREE_LEVELS_SHARE * sent:
-            return []
+            return None
     agreement = _agreement(context, most.number, indices, np.array([fits[k] for k in range(len(indices))]))
     top, left = most.first_pixel
     lines = describe_places((columns + left).tolist(), (rows + top).tolist(), ())
-    shows = f"{lines} of modulator {most.number + 1} {'show' if len(columns) + len(rows) > 1 else 'shows'}"
+    shows = f"{lines} of {most.name} {'show' if len(columns) + len(rows) > 1 else 'shows'}"
     which = "that change from capture to capture" if agreement < _CHANGING_AGREEMENT else "other than those sent"
     explained = 1 - free / sent
-    return [f"{shows} levels {which}: with free levels there, {explained:.0%} of the excess is explained."]
+    return explained, f"{shows} levels {which}: with free levels there, {explained:.0%} of the excess is explained."
 
 
 def _agreement(context: SearchContext, number: int, indices: NDArray[np.intp], levels: Floats) -> float:
     """How far levels (capture, pixel) are the same light in all captures of a wavelength, up to 1: the mean modulus of
-    the mean phasor. 1 where each wavelength has one capture."""
-    captures, stroke_m = context.data.captures, context.system.modulators[number].stroke_m
-    lasers = captures.laser_number[indices]
+    the mean phasor; of an amplitude modulator 1 less the mean variance, in that of levels at random. 1 where each
+    wavelength has one capture."""
+    captures = context.data.captures
+    stroke_m, lasers = captures.slms[number].opd_range_m, captures.laser_number[indices]
+    if not stroke_m:
+        groups = [levels[lasers == laser].clip(0, 1) for laser in np.unique(lasers)]
+        spreads = [12 * group.var(axis=0, ddof=1).mean() for group in groups if len(group) > 1]
+        return float(1 - np.mean(spreads)) if spreads else 1.0
     phasors = np.exp(2j * np.pi * stroke_m / captures.wavelength_m[indices][:, None] * levels)
     groups = [phasors[lasers == laser] for laser in np.unique(lasers)]
     shared = [np.abs(group.mean(axis=0)).mean() for group in groups if len(group) > 1]

@@ -211,7 +211,7 @@ def pixel_maps(maps: Sequence[PixelMap]) -> Figure:
         most = max(float(shown.pixels.max()), 1.0)
         drawn = picture.imshow(shown.pixels, cmap="magma", vmin=0, vmax=most, extent=extent, interpolation="nearest")
         figure.colorbar(drawn, ax=picture, fraction=0.035, pad=0.02).ax.tick_params(labelsize=7)
-        picture.set_title(f"modulator {shown.number + 1}: pixels (σ)", fontsize=9)
+        picture.set_title(f"{shown.name}: pixels (σ)", fontsize=9)
         picture.set_xlabel("column", fontsize=8)
         picture.set_ylabel("row", fontsize=8)
         picture.tick_params(labelsize=7)
@@ -219,7 +219,7 @@ def pixel_maps(maps: Sequence[PixelMap]) -> Figure:
             profiles, ("column", "row"), (left, top), (shown.columns, shown.rows), strict=True
         ):
             axis.plot(first + np.arange(len(values)), values, color=_AFTER, linewidth=1, drawstyle="steps-mid")
-            axis.set_title(f"modulator {shown.number + 1}: {name}s (σ)", fontsize=9)
+            axis.set_title(f"{shown.name}: {name}s (σ)", fontsize=9)
             axis.set_xlabel(name, fontsize=8)
             axis.tick_params(labelsize=7)
     return figure

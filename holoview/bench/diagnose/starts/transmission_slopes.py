@@ -3,12 +3,12 @@
 They give the fall of χ², to first order, if a pixel kept to a level, for all pixels at once. With G = ∂χ²/∂Re t +
 i·∂χ²/∂Im t by the transmission t of a pixel: a pixel that shows the share s of the stroke has the transmission
 exp(2πi·s·stroke/λ), so that its replacement changes χ² by Re[G*·(exp(2πi·s·stroke/λ) − t)], to first order in the light
-of the pixel, whatever the change of its phase.
+of the pixel, whatever the change of its phase. A pixel of an amplitude modulator has the amplitude of s.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from holoview.bench.diagnose.likelihood import Comparison
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.model.effects.effect import Effect, Parameter, Values
 from holoview.light.model.effects.hook_contexts import ModulatorContext
+from holoview.light.model.elements import AmplitudeModulator
 
 Complex = NDArray[np.complexfloating]
 Tensor = torch.Tensor
@@ -49,7 +50,10 @@ class TransmissionSlope:
 
 
 class _TransmissionProbe(Effect):
-    """Adds zeros to every transmission, by which derivatives are taken."""
+    """Adds zeros to the transmission of every modulator, by which derivatives are taken.
+
+    elements: of a chain, the names of those that show patterns.
+    """
 
     id = "free_transmission"
     cause = "Something changes a modulator's transmission."
@@ -58,10 +62,13 @@ class _TransmissionProbe(Effect):
     acts_on = ("modulator 1", "modulator 2")
     order = -1
 
-    def __init__(self) -> None:
+    def __init__(self, elements: Sequence[str] = ()) -> None:
+        self.elements, self.on_all_elements = elements, bool(elements)  # type: ignore[misc]
         self.seen: list[tuple[Tensor, Tensor, ModulatorContext]] = []
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        if self.elements and context.element not in self.elements:
+            return transmission
         zero = torch.zeros_like(transmission, requires_grad=True)
         self.seen.append((zero, transmission.detach(), context))
         return transmission + zero
@@ -71,7 +78,8 @@ def transmission_slopes(
     context: SearchContext, base: FittedValues, comparison: Comparison
 ) -> Iterator[TransmissionSlope]:
     """The slopes of every modulator at every capture of a comparison, with the causes of a base; a pass for each."""
-    probe = _TransmissionProbe()
+    chain = context.data.captures.chain
+    probe = _TransmissionProbe(() if chain is None else list(chain.drive_shapes))
     probed = comparison.with_predictor(context.predictor.create(extra_effects=[probe]))
     values: FittedValues = {**base, probe.id: {"on": 1.0}}
     for position in range(len(comparison.indices)):
@@ -101,16 +109,21 @@ def replacement_gains(
 ) -> dict[int, Floats]:
     """The fall of χ² for each level and pixel, (level, y, x), of every modulator by its number, 0 for the first.
 
-    levels (level,): shares of the stroke. earlier: adds two rows, for pixels that show the first pattern of all
-    captures and for pixels that show the pattern of the capture before.
+    levels (level,): shares of the stroke, of an amplitude modulator of its range. earlier: adds two rows, for pixels
+    that show the first pattern of all captures and for pixels that show the pattern of the capture before.
     """
     gains: dict[int, Floats] = {}
+    chain = context.data.captures.chain
+    names = [] if chain is None else list(chain.drive_shapes)
     for found in transmission_slopes(context, base, comparison):
         shares, modulator = levels[:, None, None], found.modulator
+        number = names.index(modulator.element) if names else modulator.number
         if earlier:
-            patterns = _earlier_patterns(comparison, found.position, modulator.number)
+            patterns = _earlier_patterns(comparison, found.position, number)
             shares = np.concatenate([np.broadcast_to(shares, (len(levels), *modulator.shape)), patterns])
-        gains[modulator.number] = gains.get(modulator.number, 0.0) + _gain_of_shares(found, shares)
+        element = None if chain is None else chain.elements[chain.part(modulator.element)]
+        light = element.amplitude_of(shares) if isinstance(element, AmplitudeModulator) else _phasors(modulator, shares)
+        gains[number] = gains.get(number, 0.0) + _gain_of_light(found, light)
     return gains
 
 
@@ -162,9 +175,13 @@ def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> 
     return np.stack([captures.first_drive[modulator], before[modulator]])
 
 
-def _gain_of_shares(found: TransmissionSlope, shares: Floats) -> Floats:
-    """−Re[G*·(exp(2πi·s·stroke/λ) − t)] of each share s (share, y, x) and pixel; samples of a pixel are summed."""
-    conjugate, of = found.slope.conj(), found.modulator
+def _phasors(of: ModulatorContext, shares: Floats) -> Complex:
+    """The transmission of pixels of a phase modulator that show shares of the stroke."""
+    return np.asarray(np.exp(2j * np.pi * of.stroke_m / of.wavelength_m * shares))
+
+
+def _gain_of_light(found: TransmissionSlope, light: NDArray[np.inexact]) -> Floats:
+    """−Re[G*·(t' − t)] of each transmission t' (share, y, x) of pixels; samples of a pixel are summed."""
+    conjugate = found.slope.conj()
     own, towards = (found.of_pixels(a) for a in ((conjugate * found.transmission).real, conjugate))
-    phasors = np.exp(2j * np.pi * of.stroke_m / of.wavelength_m * shares)
-    return np.asarray(own - (towards * phasors).real, dtype=np.float64)
+    return np.asarray(own - (towards * light).real, dtype=np.float64)
