@@ -157,3 +157,9 @@ def test_hostile_names_are_text_in_an_svg() -> None:
 def test_the_manual_shows_what_is_drawn_today(file: str, changes: dict[str, object]) -> None:
     shown = Path(__file__).parents[2] / "docs" / "images" / f"{file}.svg"
     assert shown.read_text(encoding="utf-8") == as_svg(draw_bench(preset.load("holochrome-8").edit(changes)))
+
+
+def test_elements_side_by_side_say_so() -> None:
+    arms = [part for part in parts_of_bench(preset.load("michelson-complex")) if part.kind == "modulator"]
+    assert [part.name for part in arms] == ["arm 1", "arm 2"]
+    assert "beside arm 1" in arms[1].details and not any("beside" in text for text in arms[0].details)

@@ -86,7 +86,8 @@ def _parts_of_chain(system: System) -> list[Part]:
             parts.append(Part("lens", name, (focal_length, *what), key, before, of))
         elif isinstance(element, Pixels):
             size = () if element.shape is None else (f"{element.shape[1]} × {element.shape[0]}",)
-            details = (element.kind, *size, _pitch(element.pitch_m))
+            beside = (f"beside {element.beside}",) if element.beside else ()
+            details = (element.kind, *beside, *size, _pitch(element.pitch_m))
             parts.append(Part("modulator", name, details, key, before, of))
         distance_m, of = 0.0, ""
     return parts
