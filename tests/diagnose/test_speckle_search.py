@@ -70,7 +70,7 @@ def test_pictures_that_another_pattern_made_have_no_such_light() -> None:
 
 
 def test_a_bench_that_is_right_needs_no_such_search() -> None:
-    """Even light that fills the modulator, a full turn: the speckle stands, and errors of estimates explain the rest."""
+    """Even light that fills the modulator, a full turn: the speckle stands; errors of estimates leave the rest."""
     captures = _captures(FarField(radius=1e3, coma=0.0, defocus=0.0, stroke=1.0), 40)
     window = window_for_light(captures, list(listed_effects()))
     assert window is None or not window.is_first
