@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +17,10 @@ from holoview.light.gpu.device import Device
 from holoview.light.model.system import System
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.speckle import SpecklePanel
-from holoview.viewer.render import light_by_gap, progressive_renderer
+from holoview.viewer.render import light_by_gap, progressive_renderer, remembered_brightness
 from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
+from holoview.viewer.render.remembered_brightness import remember_gain, remembered_gain
 from holoview.viewer.render.scene import Scene
 from tests.gui.conftest import Gui, small_bench
 
@@ -61,6 +64,42 @@ def test_brightness_and_colours_are_those_of_the_full_image(device: Device) -> N
     for plane_m in (1.004e-2, 1.008e-2):
         quick, full = _means(renderer, replace(first, plane_m=plane_m))
         assert quick == pytest.approx(full, rel=0.01)
+
+
+def test_the_first_brightness_is_remembered_for_the_same_scene_alone(
+    device: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next time no laser of the full image is computed before the quick one is shown; another scene measures."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    system = small_bench()
+    scene = Scene(system, random_drive(system, seed=4), 1e-2)
+    full = _means(ProgressiveRenderer(device, remembers=True), scene)[1]
+    again = ProgressiveRenderer(device, remembers=True)
+    assert _quick_mean(again, replace(scene, drive=scene.drive.copy())) == pytest.approx(full, rel=1e-5)
+    assert again.full_renderer is None  # not even begun
+    brighter = system.with_(amplitudes=2 * system.amplitudes)
+    for other in (replace(scene, plane_m=1.5e-2), replace(scene, system=brighter)):
+        assert remembered_gain(other) is None
+    forgetful = ProgressiveRenderer(device)
+    _quick_mean(forgetful, scene)
+    assert forgetful.full_renderer is not None
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[1]", '{"KEY": [1, 2]}', '{"KEY": [1.0, NaN, 2.0]}', '{"KEY": [0.0, 1.0, 1.0]}']
+)
+def test_damaged_memories_are_none(content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remembered_brightness, "cache_dir", lambda: tmp_path)
+    system = small_bench()
+    scene = Scene(system, random_drive(system, seed=4), 1e-2)
+    remember_gain(scene, (0.9, 0.8, 0.7))
+    assert remembered_gain(scene) == (0.9, 0.8, 0.7)
+    (file,) = tmp_path.iterdir()
+    file.write_text(content.replace("KEY", next(iter(json.loads(file.read_text())))))
+    assert remembered_gain(scene) is None
+    remember_gain(scene, (0.5, 0.6, 0.7))
+    assert remembered_gain(scene) == (0.5, 0.6, 0.7)
 
 
 @pytest.mark.parametrize("laser", [0, 1, 2])

@@ -85,7 +85,7 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
     for note in notes:
         report(f"note: {note}")
         session.messages.post(note, "warning")
-    renderer = ProgressiveRenderer(device)
+    renderer = ProgressiveRenderer(device, remembers=True)
     if not files.names:
         renderer.start(session.scene_for(NOW), startup.thread)
     from holoview.viewer.app.run import (  # slow start: ImGui

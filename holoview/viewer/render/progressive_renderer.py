@@ -38,6 +38,7 @@ from holoview.util.errors import UserError
 from holoview.util.mailbox import Inputs, are_same
 from holoview.util.packages import load_torch_libraries
 from holoview.viewer.render.light_by_gap import LightByGap
+from holoview.viewer.render.remembered_brightness import remember_gain, remembered_gain
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape
 from holoview.viewer.render.view_settings import NOW, TARGET, ComparisonSide, ViewSettings
 
@@ -73,11 +74,11 @@ class ProgressiveRenderer:
 
     picture: the newest image on the device, quick or full; None before the first. full_scene: the scene of the last
     full frame. quick_gain: the factors by which the X, Y and Z of quick frames are multiplied, whose light can't leave
-    the image into higher diffraction orders.
+    the image into higher diffraction orders. remembers: whether those of the first picture are kept for the next time.
     """
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
+    def __init__(self, device: Device, *, remembers: bool = False) -> None:
+        self._device, self._remembers = device, remembers
         self._full: IncrementalRenderer | None = None
         self._quick: IncrementalRenderer | None = None
         self._requested: Scene | None = None
@@ -315,7 +316,11 @@ class ProgressiveRenderer:
         if is_quick and self.full_scene is not None and _differ_in_powers_alone(self.full_scene, self._requested):
             self._follow_powers(renderer, self._requested)
         elif is_quick and not is_known and self._is_gain_old and not self._requested.system.is_chain:
-            self._foresee_brightness(renderer, self._requested)
+            gain = remembered_gain(self._requested) if self._remembers and self.full_scene is None else None
+            if gain is None:
+                self._foresee_brightness(renderer, self._requested)
+            else:
+                self._gain_key, self.quick_gain, self._is_gain_old = _gain_key(self._requested), gain, False
         gain = self.quick_gain if is_quick else (1.0, 1.0, 1.0)
         self.picture = DeviceImage(renderer.xyz_buffer, renderer.compositor.shape, is_quick, self._version, gain)
         self._steps = None
@@ -323,9 +328,10 @@ class ProgressiveRenderer:
             self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
             return
         self._stage = "settle" if renderer.pending_count(with_srgb=False) else "done"
+        is_first = self.full_scene is None
         self._follows_quick_frame, self.full_scene, self._unit_means = False, self._requested, None
         self._full_mean = None
-        self._compare_brightness()
+        self._compare_brightness(is_first)
 
     def _foresee_brightness(self, quick: IncrementalRenderer, scene: Scene) -> None:
         """Measures the gain of a quick frame before its full one is there, by three lasers at most.
@@ -385,8 +391,9 @@ class ProgressiveRenderer:
             x, y, z = (light @ observer_weights(system.observer, system.wavelengths_m) / shown).tolist()
             self._gain_key, self.quick_gain = _gain_key(scene), (x, y, z)
 
-    def _compare_brightness(self) -> None:
-        """Measures the ratios of the mean X, Y and Z of a full frame and of the quick one before it."""
+    def _compare_brightness(self, is_first: bool) -> None:
+        """Measures the ratios of the mean X, Y and Z of a full frame, perhaps the first, and of the quick one before
+        it."""
         assert self._requested is not None
         if self._quick_scene is not self._requested or self._quick is None:
             return
@@ -396,6 +403,8 @@ class ProgressiveRenderer:
             x, y, z = self._full_mean / quick.mean(axis=(0, 1), dtype=np.float64)
             self._gain_key, self.quick_gain = _gain_key(self._requested), (float(x), float(y), float(z))
             self.light_by_gap.prepare(self._requested)
+            if is_first and self._remembers and not self._requested.system.is_chain:
+                remember_gain(self._requested, self.quick_gain)
 
 
 def _gain_key(scene: Scene) -> Inputs:
