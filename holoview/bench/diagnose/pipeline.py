@@ -110,7 +110,8 @@ _DECIDING_SHARE = 0.1
 light, and where no other search follows. Evidence: drawn benches: it was right where 7 % were left and less; what
 leaves a third lacks other things."""
 _BESIDE_LIGHT = 2
-"""[causes] Searched beside light found by speckle, at most. Evidence: drawn benches: a blur, stray light."""
+"""[causes] Searched beside light found by speckle, at most, of two pictures and more. Evidence: drawn benches: a blur
+and dust; of one picture a vignetting, which stood for the missing envelope of another program's pixels."""
 _LAST_BEGIN = 0.7
 """[1] After this share of the time nothing new is begun, so that fits underway end in time. Evidence: measured: the
 longest step of a pair, each cause fitted without the other, took 20 of 80 s."""
@@ -496,7 +497,8 @@ def _judge_light(
 
     def search_from(*starts: FittedValues) -> Callable[[Collection[int]], SearchOutcome]:
         fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in starts)
-        initial = InitialCandidates(fits, are_searched, over_field_only=True, has_fine=True, beside=_BESIDE_LIGHT)
+        beside = _BESIDE_LIGHT if len(prepared.only) > 1 else 0
+        initial = InitialCandidates(fits, are_searched, over_field_only=True, has_fine=True, beside=beside)
         return partial(search_once, context, progress=progress, initial=initial)
 
     estimated: dict[str, dict[str, Any]] = {
