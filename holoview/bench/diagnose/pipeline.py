@@ -429,7 +429,7 @@ def _search(records: CheckedRecords, request: _Request, share: float, light: Fou
     """The diagnosis of captures with checked records, within a share of the budget. light: found by speckle before."""
     began = time.monotonic()
     request, assumed = _with_chosen_sampling(records.captures, request)
-    better, put_right = None, None
+    put_right = None
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share, light)
         if light is None:

@@ -199,10 +199,8 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
 
 def _effects_beside(context: SearchContext, initial: InitialCandidates) -> list[Effect]:
     """The effects that are searched beside the causes of a first search."""
-    effects, may_be_cheap = (
-        _visible_effects(context) if initial.are_searched else [],
-        initial.beside or not initial.over_field_only,
-    )
+    effects = _visible_effects(context) if initial.are_searched else []
+    may_be_cheap = initial.beside > 0 or not initial.over_field_only
     if len(context.windows) > 1:  # stuck pixels are seen where pictures and patterns are in one piece
         effects = [e for e in effects if not is_stuck_effect(e)]
     return [e for e in effects if e.varies_over_field or (may_be_cheap and not is_dear(context, e))]
