@@ -83,13 +83,13 @@ class Viewers:
     def optimise(self, is_compiled: bool) -> dict[str, float]:
         """Seconds from the start of the program to its first image, and of an optimisation's first moments."""
         with self._viewer(OPTIMISATION, (), is_compiled) as (_, lines):
-            return dict(json.loads(next(lines)))
+            return _told(lines)
 
     def end(self, name: str) -> float:
         """Seconds from closing the window in a state to the end of the program."""
         state = STATES[name]
         with self._viewer(name, state.arguments, name != UNCOMPILED) as (viewer, lines):
-            window = int(json.loads(next(lines))["window"])
+            window = int(_told(lines)["window"])
             time.sleep(state.wait_s)
             assert viewer.poll() is None, f"{name}: the viewer ended by itself with {viewer.returncode}"
             begun = time.perf_counter()
@@ -120,6 +120,14 @@ class Viewers:
         finally:
             viewer.terminate()
             viewer.wait(LONGEST_S)
+
+
+def _told(lines: Iterator[str]) -> dict[str, float]:
+    """What a viewer says next. Ends the program if the viewer ended, which has said why."""
+    line = next(lines, None)
+    if line is None:
+        raise SystemExit("a viewer ended before it said what was asked for")
+    return dict(json.loads(line))
 
 
 # --- the screen -------------------------------------------------------------------------------------------------------
