@@ -130,7 +130,7 @@ def _act(app: App, command: str) -> None:
 
 
 def _measure_optimisation(app: App, started: float) -> None:
-    """Measures from the start to the first picture of an optimisation, and for how long the window stands still at rest."""
+    """Measures from the start to an optimisation's first picture, and for how long the window stands still at rest."""
     from holoview.viewer.document.optimisation_job import running_optimisation
 
     _wait(lambda: app.has_shown_image)
