@@ -124,6 +124,20 @@ def test_a_cause_that_pictures_need_is_named_however_uncertain_its_numbers_are()
     assert veto_no_size(context, result, decision, intervals) == (result, decision, [])
 
 
+def test_the_others_are_fitted_again_without_a_cause_that_may_be_nominal() -> None:
+    """On a Fourier bench a tilt θ moves the picture by f·θ: a tenth of it taken for a shift is the tilt's."""
+    true = {"tilt": {"tilt_y": 1e-3, "tilt_x": -2e-3}}
+    context = make_context_of(_measured(true))
+    parted = {"tilt": {"tilt_y": 0.9e-3, "tilt_x": -2e-3}, "camera_alignment": {"shift_y": 0.1 * 0.1e-3}}
+    result, decision = _partly(context, parted)
+    intervals = {("tilt", "tilt_y"): Interval(0.9e-3, 1e-5, 2e-5)}
+    intervals |= {("camera_alignment", "shift_y"): Interval(1e-5, 1e-5, 2e-5)}
+    assert veto_no_size(context, result, decision, intervals) == (result, decision, [])  # just left out, it is missed
+    decided, notes = veto_no_size(context, result, decision, intervals, context)[1:]
+    assert decided.best is not None and decided.best.causes == ("tilt",) and len(notes) == 1
+    assert decided.values["tilt"]["tilt_y"] == pytest.approx(1e-3, rel=0.01)
+
+
 @pytest.mark.parametrize("is_shown", [True, False])
 def test_nothing_is_named_far_from_pictures_whose_speckle_stands_nowhere(is_shown: bool) -> None:
     """Light of the room lowers χ² beside patterns that were never shown; beside those that were, their speckle stands,

@@ -32,6 +32,7 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Values
+from holoview.bench.diagnose.refine import refine_fit
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.bench.diagnose.speckle_evidence import FAR_CHI2
 from holoview.light.model.effects.registry import get_effect
@@ -50,6 +51,9 @@ _NO_SIZE_SHARE = 0.1
 """[1] Of the excess χ²/n, by how much more is left at most without a cause whose numbers may all be nominal: of what
 causes leave, or of the nominal bench's where they explain it. Evidence: a reason: the other causes aren't always fitted
 again, and take a part of that; near the floor, another program's samples of the same bench differ by hundredths."""
+_NO_SIZE_SHARE_REFITTED = 0.25
+"""[1] The same where the others were fitted again. Evidence: a reason: that the interval, in which the others follow
+too, holds the nominal value says the same already, with errors as large as what the model lacks."""
 _UNCORRELATED = 0.3
 """[1] Correlation of local contrasts below which speckle stands nowhere. Evidence: a real bench: 0.14 with a blur that
 wasn't there, 0.77 with the true light."""
@@ -101,10 +105,15 @@ def veto_no_size(
     result: SearchResult,
     decision: Decision,
     intervals: Mapping[tuple[str, str], Interval],
+    fitted: SearchContext | None = None,
 ) -> tuple[SearchResult, Decision, list[str]]:
     """The result and the decision without causes whose every number has its nominal value in its interval, as long as
     held-out pictures are predicted about as well without them; with notes. One cause stays, and causes that explain the
-    captures do so without the others too. intervals: of each (effect, parameter)."""
+    captures do so without the others too.
+
+    intervals: of each (effect, parameter). fitted: the captures, or parts of large ones, to which the others are fitted
+    again where the cause can't just be left out; None without that.
+    """
     best, notes = decision.best, list[str]()
     if best is None:
         return result, decision, notes
@@ -115,14 +124,19 @@ def veto_no_size(
         if len(best.causes) == 1 or not _may_be_nominal(name, intervals):
             continue
         fewer = _best_without(name, best, result)
-        needed = _needed(context, result, nominal if explains else best.excess, _NO_SIZE_SHARE)
+        of_excess = nominal if explains else best.excess
+        needed = _needed(context, result, of_excess, _NO_SIZE_SHARE)
+        if _lost(fewer, best, result) >= needed and fitted is not None and fitted.end.seconds_left > 0:
+            again = refine_fit(fitted, best.fit.without(name))
+            fewer = score_on_held_out(again, result.comparison, result.tolerant_comparison)
+            needed = _needed(context, result, of_excess, _NO_SIZE_SHARE_REFITTED)
         if _lost(fewer, best, result) < needed and fewer.excess <= most:
             notes.append(f"{name} is not named: each of its numbers may be the nominal one, within its interval.")
             best = fewer
     if not notes:
         return result, decision, notes
     alike, dropped = result.lookalikes, {*named.causes} - {*best.causes}
-    if alike is not None and alike.fit is named.fit and best.fit.values.items() <= named.fit.values.items():
+    if alike is not None and alike.fit is named.fit:
         result = replace(result, lookalikes=replace(alike, fit=best.fit))  # those of the causes that stay are the same
     rivals = tuple(one for one in decision.rivals if not dropped & {*one.causes})
     return result, replace(decision, best=best, rivals=rivals), notes

@@ -68,8 +68,11 @@ def assemble(
     which nothing changes from capture to capture.
     """
     progress(1, 1, "intervals, look-alikes")
-    intervals = intervals_of(outcome.fitted or outcome.context, outcome.decision, end)
-    result, decision, vetoes = veto_no_size(outcome.context, outcome.result, outcome.decision, intervals)
+    found = outcome.fitted or outcome.context
+    intervals = intervals_of(found, outcome.decision, end)
+    result, decision, vetoes = veto_no_size(outcome.context, outcome.result, outcome.decision, intervals, found)
+    if vetoes and not decision.values.items() <= outcome.decision.values.items():  # the others were fitted again
+        intervals = intervals_of(found, decision, end)
     outcome = dataclasses.replace(outcome, result=result, decision=decision, notes=[*outcome.notes, *vetoes])
     context, comparison, values = outcome.context, result.comparison, decision.values
     captures = context.data.captures
