@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from PIL import Image
 from holoview import load
 from holoview.holograms.hologram import Hologram, load_hologram
 from holoview.holograms.view import random_drive
+from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.viewer.app import desktop
 from holoview.viewer.app.panels import files
@@ -21,7 +23,7 @@ from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.document.session_store import SessionStore
 from holoview.viewer.render.tone_mapping import tone_map
 from holoview.viewer.render.view_settings import NOW
-from tests.gui.conftest import Gui, leave_crashed_session
+from tests.gui.conftest import Gui, leave_crashed_session, small_bench
 from tests.patience import PATIENCE_S
 
 pytestmark = pytest.mark.gpu
@@ -131,6 +133,29 @@ def test_a_click_selects_and_a_double_click_opens_folders_and_files_alike(gui: G
     assert gui.session.wait_until_idle(PATIENCE_S)
     assert not _dialog(gui).is_open
     assert gui.session.system.gap_m == 5e-3, gui.session.messages.all
+
+
+def test_names_that_imgui_would_cut_or_refuse_are_listed_and_opened(gui: Gui, tmp_path: Path) -> None:
+    """Two number signs end a label of ImGui; names of files on Linux needn't be UTF-8."""
+    names = ("gap##2.toml", os.fsdecode(b"gap\xff.toml"))
+    for millimetres, name in enumerate(names, start=5):
+        try:
+            preset.save(small_bench(gap=1e-3 * millimetres), tmp_path / "bench.toml")
+            (tmp_path / "bench.toml").rename(tmp_path / name)
+        except OSError:
+            pytest.skip("this file system refuses such names")
+    gui.press_chord("Ctrl+O")
+    gui.engine(lambda ctx: ctx.item_double_click("//Open/**/gap# #2.toml"))
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    assert gui.session.system.gap_m == 5e-3, gui.session.messages.all
+    gui.press_chord("Ctrl+O")
+    gui.draw_frames(3)
+    gui.type_text(r"gap\udcff.toml")  # as it is listed
+    gui.press_chord("Enter")
+    assert gui.session.wait_until_idle(PATIENCE_S)
+    gui.draw_until_idle()
+    assert gui.session.system.gap_m == 6e-3, gui.session.messages.all
+    assert [message.text for message in gui.session.messages.all if message.kind == "error"] == []
 
 
 @pytest.mark.parametrize("key", ["E", "G", "Ctrl+Z", "P", "W", "Space"])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 from PIL import Image
 
 from holoview.holograms.targets.framing import Framing
@@ -75,3 +76,22 @@ def test_fit_shows_all_and_numbers_are_typed(gui: Gui) -> None:
     gui.type_text("0.4")
     gui.press_chord("Enter")
     assert _framing(gui).share == pytest.approx(0.4)
+
+
+def test_the_wheel_over_the_frame_leaves_the_panel_where_it_is(
+    gui: Gui, make_gui: Callable[..., Gui], tmp_path: Path
+) -> None:
+    gui.app.close()
+    small = make_gui(size=(1024, 700))
+    small.context.loader.open(tmp_path / "portrait.png")
+    assert small.session.wait_until_idle(PATIENCE_S)
+    small.context.show_panel("Optimise")
+    small.draw_frames(4)
+    small.draw_until_idle()
+    panel = imgui.internal.find_window_by_name("Optimise")
+    imgui.internal.set_scroll_y(panel, panel.scroll_max.y)
+    small.draw_frames(3)
+    before = panel.scroll.y
+    assert before > 0, "the panel has more than its room"
+    small.wheel(small.item_position("framed picture", 0.5, 0.5), 2.0)
+    assert _framing(small).share == pytest.approx(0.81, abs=0.02) and panel.scroll.y == before

@@ -92,3 +92,10 @@ def test_the_frame_is_seen_in_both_themes(gui: Gui) -> None:
 def _luminance(colour: imgui.ImVec4) -> float:
     parts = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in list(colour)[:3]]
     return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]
+
+
+def test_the_sheet_of_keys_takes_escape_before_the_focus_of_a_panel(gui: Gui) -> None:
+    press(gui, "F6", "F6", "?", "Escape")
+    assert not gui.context.help_overlay.page and gui.app.keyboard_focus.is_on
+    press(gui, "Escape")
+    assert not gui.app.keyboard_focus.is_on

@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 
 from holoview.evidence.sweep.in_viewer import sweep_document
 from holoview.light.model import preset
-from tests.gui.conftest import Gui
+from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 _SLACK_PX = 1.0  # positions are rounded to whole pixels
@@ -48,7 +48,7 @@ def test_nothing_is_cut_off_in_a_small_window(make_gui: Callable[..., Gui], size
 
 def test_labels_are_seen_whole_in_text_of_twice_the_size(make_gui: Callable[..., Gui]) -> None:
     """Values may be shortened there; tabs that have no room scroll."""
-    gui = make_gui(size=(1280, 800))
+    gui = make_gui(small_bench(frames=3), size=(1280, 800))
     gui.context.set_text_size(2.0)
     gui.draw_until_idle()
     cut = []
@@ -123,3 +123,67 @@ def test_notes_never_cover_a_button(make_gui: Callable[..., Gui]) -> None:
     for toast in seen:
         low, high = toast.pos, (toast.pos.x + toast.size.x, toast.pos.y + toast.size.y)
         assert left <= low.x and high[0] <= right and top - 80 <= low.y and high[1] <= bottom
+
+
+@pytest.fixture
+def tight(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Buttons whose text had no room, as they are drawn."""
+    found: list[str] = []
+    draw = imgui.button
+
+    def checked(label: str, *arguments: Any) -> bool:
+        is_clicked, text = draw(label, *arguments), label.partition("##")[0]
+        room = imgui.get_item_rect_size().x - 2 * imgui.get_style().frame_padding.x
+        if imgui.calc_text_size(text).x > room + _SLACK_PX:
+            found.append(f"{text}: {imgui.calc_text_size(text).x:.0f} of {room:.0f}")
+        return bool(is_clicked)
+
+    monkeypatch.setattr(imgui, "button", checked)
+    return found
+
+
+@pytest.mark.parametrize("size", [1.0, 2.0])
+def test_texts_of_buttons_have_room(make_gui: Callable[..., Gui], tight: list[str], size: float) -> None:
+    gui = make_gui(small_bench(frames=3), size=(1280, 800))
+    gui.session.sweeper = sweep_document
+    gui.context.set_text_size(size)
+    gui.press_chord("Y")
+    gui.draw_until_idle()
+    found = {}
+    for title in [guarded.panel.title for guarded in gui.app.panels]:
+        _shown(gui, title)
+        tight.clear()  # while a panel opens, it is small
+        gui.draw_frames()
+        found[title] = [*tight]
+    gui.press_chord("Ctrl+O")
+    gui.draw_frames(4)
+    tight.clear()
+    gui.draw_frames()
+    found["Open"] = tight
+    assert {title: texts for title, texts in found.items() if texts} == {}
+
+
+def test_keys_stand_beside_their_commands_in_text_of_twice_the_size(
+    make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gui, name, keys = make_gui(size=(1280, 800)), imgui.text, imgui.text_disabled
+    gui.context.set_text_size(2.0)
+    names: list[tuple[str, Any]] = []
+    covered: list[str] = []
+
+    def write_name(text: str) -> None:
+        name(text)
+        names.append((text, imgui.get_item_rect_max()))
+
+    def write_keys(text: str) -> None:
+        keys(text)
+        low = imgui.get_item_rect_min()
+        if names and low.y < names[-1][1].y and low.x < names[-1][1].x:  # on the same line
+            covered.append(names[-1][0])
+
+    gui.press_chord("?")
+    gui.draw_frames(4)
+    monkeypatch.setattr(imgui, "text", write_name)
+    monkeypatch.setattr(imgui, "text_disabled", write_keys)
+    gui.draw_frames()
+    assert len(names) > 30 and covered == []

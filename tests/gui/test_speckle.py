@@ -149,3 +149,15 @@ def test_with_an_eye_the_panel_speaks_of_the_retina_and_plots_contrast_by_the_pu
     gui.draw_until_idle()
     measurements = gui.context.live_measurement.measurements
     assert measurements is not None and measurements.retinal is None
+
+
+def test_escape_drops_the_tool_before_it_ends_a_comparison(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(panels=(ImagePanel, SpecklePanel, ViewPanel))
+    gui.draw_until_idle()
+    gui.press_chord("W")
+    gui.press_chord("Shift+L")
+    assert gui.context.drag_tool == "line"
+    gui.press_chord("Escape")
+    assert gui.context.drag_tool == "" and gui.session.view_settings.compare == "wipe"
+    gui.press_chord("Escape")
+    assert gui.session.view_settings.compare == "off"

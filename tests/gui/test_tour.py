@@ -169,6 +169,14 @@ def test_escape_ends_what_lies_above_first(gui: Gui) -> None:
     gui.press_chord("?")
     gui.press_chord("Escape")
     assert not gui.context.help_overlay.page and gui.app.tour.step == 0
+    gui.context.drag_tool = "line"
+    gui.draw_frames(2)
+    gui.press_chord("Escape")
+    assert gui.context.drag_tool == "" and gui.app.tour.step == 0
+    gui.press_chord("F6")
+    gui.process_frames(6)
+    gui.press_chord("Escape")
+    assert not gui.app.keyboard_focus.is_on and gui.app.tour.step == 0
     gui.press_chord("Escape")
     assert gui.app.tour.step is None
 

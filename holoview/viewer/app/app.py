@@ -31,7 +31,7 @@ from holoview.viewer.app.panels import ALL
 from holoview.viewer.app.readout import add_score_commands
 from holoview.viewer.app.theme import THEMES
 from holoview.viewer.app.tour import Tour
-from holoview.viewer.app.widgets import tooltip
+from holoview.viewer.app.widgets import label_of, tooltip
 from holoview.viewer.app.window import Window
 from holoview.viewer.document.editing_session import Change, EditingSession, Message, MessageLog
 from holoview.viewer.document.file_loader import show_example
@@ -236,7 +236,8 @@ class App:
         commands, help_page = self.context.commands, self.context.help_overlay.page
         is_open = is_menu_open()
         is_typing = imgui.get_io().want_text_input
-        has_left = not is_open and self.keyboard_focus.begin_frame(is_typing=is_typing)
+        is_covered = is_open or bool(help_page)
+        has_left = not is_covered and self.keyboard_focus.begin_frame(is_typing=is_typing)
         taken = OF_WIDGETS if has_left or self.keyboard_focus.is_on_widget else frozenset()
         for command in list(commands.pressed(is_typing=is_typing or is_open, taken=taken)):
             if not help_page or command.group == "Help" or command.is_urgent:
@@ -530,9 +531,9 @@ def _draw_open(context: AppContext) -> None:
     recent = context.store.preferences.recent_files if context.store is not None else ()
     if imgui.begin_menu("Recent", bool(recent)):
         for number, path in enumerate(recent, start=1):
-            if imgui.menu_item(f"{number} {path.name}", "", False)[0]:
+            if imgui.menu_item(label_of(f"{number} {path.name}"), "", False)[0]:
                 context.attempt(context.loader.open, path)
-            tooltip(str(path))
+            tooltip(printable(str(path)))
         imgui.end_menu()
 
 

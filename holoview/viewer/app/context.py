@@ -141,6 +141,7 @@ class CommandRegistry:
 
 
 _PALETTE_ROWS = 12
+_COLUMN_EM = 18.0  # the least width of a column of keys, in heights of the font
 
 
 class HelpOverlay:
@@ -175,7 +176,7 @@ class HelpOverlay:
             return
         place = imgui.get_main_viewport()
         is_sheet = self.page == "keys"
-        width = min(place.work_size.x - 40, 860.0 if is_sheet else 520.0)
+        width = min(place.work_size.x - 40, (57.3 if is_sheet else 34.7) * imgui.get_font_size())
         middle = imgui.ImVec2(place.work_pos.x + place.work_size.x / 2, place.work_pos.y + 50)
         imgui.set_next_window_pos(middle, imgui.Cond_.always, imgui.ImVec2(0.5, 0.0))
         imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, place.work_size.y - 100))
@@ -200,7 +201,7 @@ class HelpOverlay:
         shown = (c for c in self._commands if c.keys and self._commands.of_group(c.group))
         commands = sorted(shown, key=lambda c: c.group)
         groups = [(name, list(some)) for name, some in groupby(commands, key=lambda c: c.group)]
-        columns = 3 if imgui.get_content_region_avail().x > 700 else 2
+        columns = min(max(int(imgui.get_content_region_avail().x / (_COLUMN_EM * imgui.get_font_size())), 1), 3)
         if not imgui.begin_table("keys", columns, imgui.TableFlags_.sizing_stretch_same):
             return
         imgui.table_next_row()

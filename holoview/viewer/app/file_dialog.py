@@ -13,12 +13,13 @@ from holoview.util.errors import UserError
 from holoview.util.files import expand_home
 from holoview.util.text import printable
 from holoview.viewer.app import theme
-from holoview.viewer.app.widgets import pale, tooltip, wrapped_text
+from holoview.viewer.app.widgets import label_of, pale, tooltip, wrapped_text
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.file_loader import FileLoader
 from holoview.viewer.document.session_store import SavedSession, SessionStore
 
 _ROWS = 12
+_WIDTH_EM, _BUTTON_EM = 41.0, 8.0  # of dialogs and of their buttons, in heights of the font
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class FileDialog:
         if self._is_new:
             imgui.open_popup(self._request.title)
             self._is_new = False
-        centre_next_window(min(620.0, imgui.get_main_viewport().work_size.x - 20))
+        centre_next_window(_WIDTH_EM)
         is_shown, is_open = imgui.begin_popup_modal(self._request.title, True, theme.DIALOG)
         if is_shown:
             self._draw_inside(self._request)
@@ -102,18 +103,18 @@ class FileDialog:
         if request.is_save and len(request.suffixes) > 1:
             imgui.text_disabled(f"{', '.join(request.suffixes[:-1])} or {request.suffixes[-1]}: the name's end decides")
         if self.problem:
-            imgui.text_colored(theme.signal_colour("error"), self.problem)
+            wrapped_text(printable(self.problem), theme.signal_colour("error"))
         if self.advice:
             wrapped_text(self.advice, pale())
-        accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered
+        accepted = imgui.button("Save##file" if request.is_save else "Open##file", _button_size()) or entered
         imgui.same_line()
         if request.takes_folders:
-            if imgui.button("This folder", imgui.ImVec2(120, 0)):
+            if imgui.button("This folder", _button_size()):
                 self._finish(request, self.folder)
                 return
             tooltip("A focal stack, a picture a plane, or the patterns of a bench.")
             imgui.same_line()
-        if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+        if imgui.button("Cancel##file", _button_size()) or imgui.is_key_pressed(imgui.Key.escape):
             self._close()
         elif accepted:
             self.accept()
@@ -122,15 +123,16 @@ class FileDialog:
         if imgui.button("Up"):
             self.list_folder(self.folder.parent)
         imgui.same_line()
-        imgui.text_unformatted(str(self.folder))
+        imgui.text_wrapped(printable(str(self.folder)))
         imgui.begin_child("entries", imgui.ImVec2(0, _ROWS * imgui.get_text_line_height_with_spacing()), True)
         is_chosen = False
         for path in self._entries:
-            label = f"{path.name}/" if path.is_dir() else path.name
+            name = printable(path.name)
+            label = label_of(f"{name}/" if path.is_dir() else name)
             flags = imgui.SelectableFlags_.no_auto_close_popups | imgui.SelectableFlags_.allow_double_click
-            clicked, _ = imgui.selectable(label, path.name == self.name, flags)
+            clicked, _ = imgui.selectable(label, name == self.name, flags)
             if clicked:
-                self.name = path.name
+                self.name = name
                 is_chosen = imgui.is_mouse_double_clicked(imgui.MouseButton_.left)
         imgui.end_child()
         if is_chosen:
@@ -141,7 +143,8 @@ class FileDialog:
         request = self._request
         if request is None or not self.name.strip():
             return
-        path = self.folder / expand_home(self.name.strip())
+        typed = self.folder / expand_home(self.name.strip())
+        path = next((entry for entry in self._entries if printable(entry.name) == self.name), typed)
         if path.is_dir():
             self.name = ""
             self.list_folder(path)
@@ -170,15 +173,20 @@ class FileDialog:
         imgui.close_current_popup()
 
 
-def centre_next_window(width: float) -> None:
-    """Keeps the next window in the middle of the main one and inside it, `width` logical pixels wide.
+def centre_next_window(width_em: float) -> None:
+    """Keeps the next window in the middle of the main one and inside it; width_em: in heights of the font.
 
     In every frame: a browser's page gets its size after the first ones, and changes it later.
     """
     viewport = imgui.get_main_viewport()
+    width = min(width_em * imgui.get_font_size(), viewport.work_size.x - 20)
     imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, imgui.ImVec2(0.5, 0.5))
     imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, viewport.work_size.y))
     imgui.set_next_window_bg_alpha(1.0)
+
+
+def _button_size() -> imgui.ImVec2:
+    return imgui.ImVec2(_BUTTON_EM * imgui.get_font_size(), 0)
 
 
 # --- The dialog that offers the sessions that a crash left ---
@@ -249,14 +257,14 @@ class RecoveryDialog:
         if self._is_new:
             imgui.open_popup(_RECOVER)
             self._is_new = False
-        centre_next_window(min(560.0, imgui.get_main_viewport().work_size.x - 20))
+        centre_next_window(_WIDTH_EM)
         is_shown, is_open = imgui.begin_popup_modal(_RECOVER, True, theme.DIALOG)
         if is_shown:
             imgui.text_wrapped("The viewer ended without closing. Your work up to then was saved:")
             for saved in list(self.saved):
                 self._draw_one(saved)
             imgui.separator()
-            if imgui.button("Later", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+            if imgui.button("Later", _button_size()) or imgui.is_key_pressed(imgui.Key.escape):
                 self.saved = []
             imgui.same_line()
             imgui.text_disabled("they are offered again at the next start")
@@ -291,9 +299,9 @@ class RecoveryDialog:
         imgui.text_wrapped(printable(saved.title))
         when = time.strftime("%d %B, %H:%M", time.localtime(saved.when))
         imgui.text_disabled(f"{when}, {saved.steps - 1} edits")
-        if imgui.button("Recover", imgui.ImVec2(120, 0)):
+        if imgui.button("Recover", _button_size()):
             self.recover(saved)
         imgui.same_line()
-        if imgui.button("Discard", imgui.ImVec2(120, 0)):
+        if imgui.button("Discard", _button_size()):
             self.discard(saved)
         imgui.pop_id()

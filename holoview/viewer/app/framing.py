@@ -94,6 +94,8 @@ class FramingEditor:
             self._resizes = any(abs(px - half) < _GRIP_PX for px, half in zip(away, halves, strict=True))
         centre = (middle.x - corner.x) / size[0], (middle.y - corner.y) / size[1]
         moved = bool(io.mouse_delta.x or io.mouse_delta.y) and imgui.is_item_active()
+        if imgui.is_item_hovered():
+            imgui.set_item_key_owner(imgui.Key.mouse_wheel_y)  # before it turns: else the panel scrolls
         if imgui.is_item_hovered() and io.mouse_wheel:
             share *= _PER_NOTCH**io.mouse_wheel
         elif moved and self._resizes:

@@ -12,8 +12,8 @@ from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.widgets import button, share_of_width
 
-_WIDTH, _MARGIN = 290.0, 8.0
-_HEIGHT = 240.0  # before the card was drawn once
+_WIDTH_EM, _MARGIN = 19.3, 8.0  # of the card, in heights of the font; around it, in pixels
+_FIRST_SIZE = 290.0, 240.0  # before the card was drawn once
 _CORNERS = ((0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 0.0))  # of the window, in the order of preference
 _SEEN = "has_seen_tour"
 _Box = tuple[imgui.ImVec2, imgui.ImVec2]
@@ -32,7 +32,7 @@ class Tour:
         self._context = context
         self.steps: Sequence[TourStep] = make_tour_steps(context)
         self.step: int | None = None
-        self._size = imgui.ImVec2(_WIDTH, _HEIGHT)
+        self._size = imgui.ImVec2(*_FIRST_SIZE)
         self._is_escape_taken = False
         context.overlays.append(self)
         context.commands.add("Help", "Tour", self.start, "Shift+F1", "Five things to try, one after the other.")
@@ -70,7 +70,7 @@ class Tour:
         corner = _free_corner(panel, origin, room, self._size)
         position = imgui.ImVec2(origin.x + corner.x * room.x, origin.y + corner.y * room.y)
         imgui.set_next_window_pos(position, imgui.Cond_.always, corner)
-        width = min(_WIDTH, room.x)
+        width = min(_WIDTH_EM * imgui.get_font_size(), room.x)
         imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, room.y))
         self._draw_card(self.step, step)
 
@@ -119,10 +119,12 @@ class Tour:
 
     def _has_other_use_of_escape(self) -> bool:
         """Whether the key Escape will close or end something else, which comes before the tour."""
+        io, leaves_look = imgui.get_io(), self._context.commands.get("No comparison")
         return (
-            self._context.session.view_settings.compare != "off"
+            (leaves_look is not None and leaves_look.is_enabled())
             or bool(self._context.help_overlay.page)
-            or imgui.get_io().want_text_input
+            or bool(io.config_flags & imgui.ConfigFlags_.nav_enable_keyboard.value)
+            or io.want_text_input
             or imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
         )
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from imgui_bundle import imgui
 
+from holoview.util.text import printable
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 
 _OLD_ALPHA = 0.45
 _ITEM_SHARE, _NARROWEST_EM = 0.65, 3.0  # of the panel's width, as ImGui has it, and in heights of the font
 _TOOLTIP_EM = 26.0  # width of tooltips, in heights of the font: about that of a panel
+
+
+def label_of(text: str) -> str:
+    """A name as the label of an item: printable, and seen whole, where ImGui leaves out what follows two number signs."""
+    return re.sub("#(?=#)", "# ", printable(text))
 
 
 def button(
@@ -66,6 +73,13 @@ def command_button(
 def share_of_width(count: int) -> float:
     """The width of each of `count` items that fill a line side by side."""
     return (imgui.get_content_region_avail().x - (count - 1) * imgui.get_style().item_spacing.x) / count
+
+
+def most_across(labels: Sequence[str], most: int) -> int:
+    """How many buttons of one width, up to `most`, fill a line side by side so that each of these labels is whole."""
+    widest = max(imgui.calc_text_size(label, hide_text_after_double_hash=True).x for label in labels)
+    widest += 2 * imgui.get_style().frame_padding.x
+    return next((count for count in range(most, 1, -1) if widest <= share_of_width(count)), 1)
 
 
 def same_line_for(label: str, *, has_arrow: bool = False) -> None:

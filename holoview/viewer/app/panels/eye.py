@@ -19,7 +19,7 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import WidgetEdit, draw_fields, number_field
 from holoview.viewer.app.theme import laser_colour
-from holoview.viewer.app.widgets import button, share_of_width, tooltip
+from holoview.viewer.app.widgets import button, most_across, share_of_width, tooltip
 from holoview.viewer.document.focus_edits import (
     PUPIL_RANGE_M,
     dioptres_of,
@@ -67,17 +67,19 @@ def draw_path_controls(context: AppContext) -> None:
     imgui.separator_text("path of the pupil")
     motion, has_path = context.pupil_motion, context.session.view_settings.pupil_path is not None
     is_recording, is_playing = motion.state == "recording", motion.state == "playing"
-    width = share_of_width(3)
-    for command, label, is_on, is_enabled in (
+    buttons = (
         (_RECORD, "Stop##record" if is_recording else "Record", is_recording, True),
         (_PLAY, "Stop##play" if is_playing else "Play", is_playing, has_path),
         (_FORGET, "Forget", False, has_path),
         *((command, f"{label}##path", False, has_path or label == "Open…") for label, command in _FILES.items()),
-    ):
+    )
+    across = most_across([label for _, label, _, _ in buttons], 3)
+    width = share_of_width(across)
+    for number, (command, label, is_on, is_enabled) in enumerate(buttons):
+        if number % across:
+            imgui.same_line()
         if button(context, label, _HELP[command], width=width, name=command, is_on=is_on, is_enabled=is_enabled):
             context.attempt(context.commands.run, command)
-        if command not in (_FORGET, _FILES["Animate…"]):
-            imgui.same_line()
     imgui.text_disabled(_status(context))
 
 

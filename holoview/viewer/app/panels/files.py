@@ -21,7 +21,16 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.desktop import copy_picture, paste_picture
 from holoview.viewer.app.file_dialog import AnimationOffer, FileDialog, FileRequest, RecoveryDialog
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import coloured, command_button, next_item, pale, share_of_width, tooltip
+from holoview.viewer.app.widgets import (
+    coloured,
+    command_button,
+    label_of,
+    most_across,
+    next_item,
+    pale,
+    share_of_width,
+    tooltip,
+)
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.exports import (
     save_figure,
@@ -48,6 +57,7 @@ _OPEN_SUFFIXES = (
     *(".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".webp", ".avif", ".heic", ".heif", ".gif", ".tif", ".tiff"),
     *(".exr", ".hdr", ".csv", ".html"),
 )
+_CANCEL_EM = 4.7  # of the room beside the progress of a job, in heights of the font
 
 
 @dataclass(frozen=True)
@@ -148,8 +158,7 @@ class FilesPanel(Panel):
         command_button(context, "Open…", width=-1)
         imgui.separator_text("save")
         labels = [f"{save.name.removeprefix('Save ').capitalize()}…" for save in self._saves]
-        widest = max(imgui.calc_text_size(label).x for label in labels) + 2 * imgui.get_style().frame_padding.x
-        across = 2 if widest <= share_of_width(2) else 1
+        across = most_across(labels, 2)
         width = share_of_width(across)
         for number, (save, label) in enumerate(zip(self._saves, labels, strict=True)):
             if number % across:
@@ -217,7 +226,7 @@ def _draw_watch(context: AppContext) -> None:
 def _draw_jobs(context: AppContext) -> None:
     for number, job in enumerate(context.session.jobs.active):
         imgui.push_id(number)
-        imgui.progress_bar(job.fraction, imgui.ImVec2(-70, 0), format_job(job))
+        imgui.progress_bar(job.fraction, imgui.ImVec2(-_CANCEL_EM * imgui.get_font_size(), 0), format_job(job))
         imgui.same_line()
         if imgui.button("Cancel", imgui.ImVec2(-1, 0)):
             job.cancel()
@@ -280,7 +289,7 @@ class HistoryPanel(Panel):
     def _draw_step(self, context: AppContext, index: int, label: str, when: float) -> None:
         position = context.session.history_position
         with coloured(imgui.Col_.text, pale() if index > position else None):  # those that were undone
-            clicked, _ = imgui.selectable(f"{label}##{index}", index == position)
+            clicked, _ = imgui.selectable(f"{label_of(label)}##{index}", index == position)
         tooltip(f"{time.strftime('%H:%M:%S', time.localtime(when))}; click to go here")
         if clicked:
             context.attempt(context.session.go_to_step, index)

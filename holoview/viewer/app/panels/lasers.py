@@ -20,6 +20,7 @@ from holoview.viewer.app.widgets import (
     command_button,
     fine_drag,
     fine_slider_int,
+    room_for_labels,
     same_line_for,
     show_tooltip,
     tooltip,
@@ -158,8 +159,8 @@ class LasersPanel(Panel):
             imgui.end_combo()
         tooltip("Takes the wavelengths and powers of a preset.")
         if system.frames > 1:
-            imgui.set_next_item_width(-60)
-            _, frame = fine_slider_int("frame", self._frame + 1, 1, system.frames)
+            with room_for_labels("frame"):
+                _, frame = fine_slider_int("frame", self._frame + 1, 1, system.frames)
             self._frame = frame - 1
             tooltip("The frame of the time sequence whose powers are shown.")
 

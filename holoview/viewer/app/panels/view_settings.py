@@ -12,7 +12,15 @@ from holoview.light.colour import fitting_stops
 from holoview.light.model import preset
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import button, command_button, fine_slider, fine_slider_int, room_for_labels, tooltip
+from holoview.viewer.app.widgets import (
+    button,
+    command_button,
+    fine_slider,
+    fine_slider_int,
+    label_of,
+    room_for_labels,
+    tooltip,
+)
 from holoview.viewer.document.document import Gesture
 from holoview.viewer.document.optimisation_job import SchemeComparisonJob
 from holoview.viewer.render.view_settings import (
@@ -77,9 +85,10 @@ class ViewPanel(Panel):
             "No comparison",
             partial(_leave, context),
             "Escape",
-            "All as before the comparison began; from the light behind an element back to the image.",
+            "All as before the comparison began; from the light behind an element back to the image; drops a tool.",
             is_enabled=lambda: (
-                session.view_settings.compare != "off"
+                bool(context.drag_tool)
+                or session.view_settings.compare != "off"
                 or _shows_light_behind(session.view_settings)
                 or bool(_coming(context))
             ),
@@ -185,11 +194,11 @@ class ViewPanel(Panel):
             _draw_snapshot(context, name)
 
     def _draw_side(self, context: AppContext, key: str, chosen: ComparisonSide) -> None:
-        if not imgui.begin_combo(key.upper(), chosen.label):
+        if not imgui.begin_combo(key.upper(), label_of(chosen.label)):
             return
         sides = [NOW, TARGET, ACHROMATIC, *(ComparisonSide("snapshot", name) for name in context.session.snapshots)]
         for side in [*sides, *(ComparisonSide("preset", name) for name in preset.short_form_names())]:
-            text = f"preset {side.label}" if side.kind == "preset" else side.label
+            text = f"preset {side.label}" if side.kind == "preset" else label_of(side.label)
             imgui.push_id(side.kind)  # a snapshot may be called "Target"
             if imgui.selectable(text, side == chosen)[0]:
                 context.edit_view("Compare", **{key: side})
@@ -208,8 +217,11 @@ def _coming(context: AppContext) -> list[SchemeComparisonJob]:
 
 
 def _leave(context: AppContext) -> None:
-    """Ends a comparison, be it one that is still being computed, else the view of the light behind an element."""
-    if coming := _coming(context):
+    """Drops the tool for a region or a line, else ends a comparison, be it one that is still being computed, else the
+    view of the light behind an element."""
+    if context.drag_tool:
+        context.drag_tool = ""
+    elif coming := _coming(context):
         for job in coming:
             job.cancel()
     elif context.session.view_settings.compare == "off":
