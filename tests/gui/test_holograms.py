@@ -185,3 +185,11 @@ def test_a_moment_without_light_leaves_the_panels_alive(make_gui: Callable[..., 
         gui.draw_frames(5)
     gui.session.set_preview(None)
     gui.draw_until_idle()
+
+
+def test_what_a_double_click_edits_is_what_is_seen(gui: Gui) -> None:
+    for _ in range(2):
+        gui.click(gui.item_position("hologram 3", 0.5, 0.7))
+    gui.draw_until_idle()
+    assert gui.session.document.title == "third.safetensors" and gui.session.system.gap_m == pytest.approx(4e-3)
+    assert gui.session.view_settings.shown == NOW, "else the image wouldn't follow what is edited"

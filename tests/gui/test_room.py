@@ -187,3 +187,26 @@ def test_keys_stand_beside_their_commands_in_text_of_twice_the_size(
     monkeypatch.setattr(imgui, "text_disabled", write_keys)
     gui.draw_frames()
     assert len(names) > 30 and covered == []
+
+
+@pytest.mark.parametrize("title", ["Eye", "Sweep", "Regions"])
+def test_no_label_of_an_open_section_is_cut(
+    make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch, title: str
+) -> None:
+    gui, header = make_gui(size=(1024, 700)), imgui.collapsing_header
+    gui.session.sweeper = sweep_document
+    monkeypatch.setattr(imgui, "collapsing_header", lambda *of: (imgui.set_next_item_open(True), header(*of))[1])
+    gui.press_chord("Y")
+    gui.session.edit_view("Line", profile=(10, 10, 60, 50))
+    gui.draw_until_idle()
+    for size in (1.0, 2.0) if title != "Eye" else (1.0,):
+        gui.context.set_text_size(size)
+        assert _shown(gui, title)[1] == [], size
+
+
+def test_lasers_are_seen_in_text_of_twice_the_size(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(size=(1280, 800))
+    gui.context.set_text_size(2.0)
+    window, _ = _shown(gui, "Lasers")
+    (table,) = [child for child in window.dc.child_windows if "lasers" in child.name]
+    assert table.size.y >= 4 * imgui.get_frame_height_with_spacing()

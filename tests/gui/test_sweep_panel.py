@@ -16,6 +16,7 @@ from holoview.viewer.app.panels.sweep import SweepPanel
 from holoview.viewer.document.document import Document
 from holoview.viewer.document.file_loader import target_from_pixels
 from holoview.viewer.document.sweeper import SweepRequest, SweptCurve, SweptPoint
+from holoview.viewer.render.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
@@ -36,9 +37,11 @@ def test_a_click_on_a_point_shows_it_and_the_arrows_go_on(gui: Gui) -> None:
     assert gui.session.wait_until_idle()
     gui.draw_until_idle()
     before = gui.session.system.gap_m
+    gui.session.edit_view("Shown", shown=ComparisonSide("snapshot", gui.session.pin()))
     gui.click(gui.item_position("curve of the sweep", 0.95, 0.5))  # right of all other points
     gui.draw_until_idle()
     assert gui.session.system.gap_m == pytest.approx(3e-3)
+    assert gui.session.view_settings.shown == NOW, "not the hologram that was looked at before"
     gui.click(gui.item_position("point before"))
     gui.draw_until_idle()
     assert panel.chosen == 1 and gui.session.system.gap_m == pytest.approx(2e-3)

@@ -163,7 +163,7 @@ _LABELS = {
     "centre_na": "centre of the stops",
     "axis": "axis (°)",
     "chromatic": "chromatic aberration",
-    "reference": "reference wavelength",
+    "reference": "reference λ",
     "stiles_crawford": "Stiles–Crawford effect",
     "luminance": "luminance (cd/m²)",
     "age": "age (years)",

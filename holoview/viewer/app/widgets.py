@@ -18,7 +18,7 @@ _TOOLTIP_EM = 26.0  # width of tooltips, in heights of the font: about that of a
 
 
 def label_of(text: str) -> str:
-    """A name as the label of an item: printable, and seen whole, where ImGui leaves out what follows two number signs."""
+    """A name as the label of an item, printable and seen whole: ImGui leaves out what follows two number signs."""
     return re.sub("#(?=#)", "# ", printable(text))
 
 

@@ -6,6 +6,7 @@ from holoview.util.errors import UserError
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.jobs import BackgroundJob, JobControl
 from holoview.viewer.document.sweeper import SweepRequest, SweptCurve, SweptPoint
+from holoview.viewer.render.view_settings import NOW
 
 
 class SweepJob(BackgroundJob):
@@ -17,12 +18,17 @@ class SweepJob(BackgroundJob):
         self.curve: SweptCurve | None = None
 
     def show(self, session: EditingSession, point: SweptPoint) -> None:
-        """Shows a point: its bench and its patterns become one step of undo, and further points the same one."""
+        """Shows a point, in place of another hologram that was looked at.
+
+        Its bench and its patterns become one step of undo, and further points the same one.
+        """
         start = self.start_document
         drive = start.drive if point.drive is None else point.drive
         origin = start.origin if point.drive is None else f"optimised for {point.text}"
         key = ("sweep", id(self))
         label = f"Point of the sweep, {point.text}"
+        if session.view_settings.shown != NOW:
+            session.edit_view("Shown", shown=NOW)
         session.edit(label, system=point.system, drive=drive, origin=origin, path=None, merge_key=key)
 
 

@@ -19,7 +19,7 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import WidgetEdit, draw_fields, number_field
 from holoview.viewer.app.theme import laser_colour
-from holoview.viewer.app.widgets import button, most_across, share_of_width, tooltip
+from holoview.viewer.app.widgets import button, most_across, pale, room_for_labels, share_of_width, tooltip, wrapped_text
 from holoview.viewer.document.focus_edits import (
     PUPIL_RANGE_M,
     dioptres_of,
@@ -80,7 +80,7 @@ def draw_path_controls(context: AppContext) -> None:
             imgui.same_line()
         if button(context, label, _HELP[command], width=width, name=command, is_on=is_on, is_enabled=is_enabled):
             context.attempt(context.commands.run, command)
-    imgui.text_disabled(_status(context))
+    wrapped_text(_status(context), pale())
 
 
 def _status(context: AppContext) -> str:
@@ -266,20 +266,19 @@ class EyePanel(Panel):
             context.attempt(toggle_eye, context.session)
         if system.eye is None:
             return
-        imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
-        self._draw_focus(context)
-        draw_pupil_map(context)
-        _draw_pupil(context, system.eye)
-        draw_path_controls(context)
-        imgui.separator_text("focus of the wavelengths")
-        draw_fields(context, system.eye, Eye(), "eye.", without=_ALL_BUT_CHROMATIC)
-        draw_focus_graph(context)
-        if imgui.collapsing_header("Eyepiece and retina"):
-            hidden = () if system.eye.pupil_m == AUTO else ("luminance", "age")
-            draw_fields(context, system.eye, Eye(), "eye.", without=(*_BY_HAND, "chromatic", *hidden))
-        if imgui.collapsing_header("Prescription"):
-            draw_fields(context, system.eye.prescription, Prescription(), "eye.prescription.")
-        imgui.pop_item_width()
+        with room_for_labels("accommodation", "luminance (cd/m²)"):
+            self._draw_focus(context)
+            draw_pupil_map(context)
+            _draw_pupil(context, system.eye)
+            draw_path_controls(context)
+            imgui.separator_text("focus of the wavelengths")
+            draw_fields(context, system.eye, Eye(), "eye.", without=_ALL_BUT_CHROMATIC)
+            draw_focus_graph(context)
+            if imgui.collapsing_header("Eyepiece and retina"):
+                hidden = () if system.eye.pupil_m == AUTO else ("luminance", "age")
+                draw_fields(context, system.eye, Eye(), "eye.", without=(*_BY_HAND, "chromatic", *hidden))
+            if imgui.collapsing_header("Prescription"):
+                draw_fields(context, system.eye.prescription, Prescription(), "eye.prescription.")
 
     def _draw_focus(self, context: AppContext) -> None:
         """Draws the accommodation, which moves the focal plane."""

@@ -100,10 +100,11 @@ class HologramsPanel(Panel):
         height = max(imgui.get_content_region_avail().y - imgui.get_style().scrollbar_size, _LEAST_TILE_PX)
         for number, side in enumerate(sides, start=1):
             size = tile_size(context.session.document.image_shape, height)
-            if self._draw_tile(context, side, f"{number}  {name_of(context, side)}", size):
-                self._show(context, side)
-            if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and side != NOW:
+            is_clicked = self._draw_tile(context, side, f"{number}  {name_of(context, side)}", size)
+            if is_clicked and imgui.get_io().mouse_clicked_last_count[0] == 2 and side != NOW:  # as the button goes up
                 context.attempt(context.session.edit_snapshot, side.name)
+            elif is_clicked:
+                self._show(context, side)
             context.record_item_rect(f"hologram {number}")
             imgui.same_line()
         imgui.end_child()

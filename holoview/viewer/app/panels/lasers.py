@@ -35,6 +35,7 @@ _CONES = (
 )
 _MAX_LASERS = 32
 _SETS = "Lasers of…"
+_LEAST_ROWS = 4  # of the table, which else fills the panel
 _NAME_HEIGHT = 1.08  # of the cones' names in the plot, above the curves, whose maximum is 1
 
 
@@ -166,7 +167,8 @@ class LasersPanel(Panel):
 
     def _draw_table(self, context: AppContext, system: System) -> None:
         flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.scroll_y | imgui.TableFlags_.sizing_stretch_prop
-        if not imgui.begin_table("lasers", 4, flags):
+        height = max(imgui.get_content_region_avail().y, _LEAST_ROWS * imgui.get_frame_height_with_spacing())
+        if not imgui.begin_table("lasers", 4, flags, imgui.ImVec2(0, height)):
             return
         imgui.table_setup_scroll_freeze(0, 1)
         fixed, stretched = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch

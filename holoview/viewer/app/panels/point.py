@@ -169,7 +169,7 @@ def _draw_numbers(seen: SeenPoint) -> None:
     light = seen.light
     y, x = light.place
     progress = "" if light.share == 1 else f"   {light.share:.0%} computed"
-    imgui.text(f"x {x}  y {y}   luminance {light.xyz[1]:.4g}{progress}")
+    imgui.text_wrapped(f"x {x}  y {y}   luminance {light.xyz[1]:.4g}{progress}")
     tooltip(_HINT)
     total = float(light.intensities.sum()) or 1.0
     shares = [f"{λ * 1e9:.4g} nm {i / total:.1%}" for λ, i in zip(light.wavelengths_m, light.intensities, strict=True)]

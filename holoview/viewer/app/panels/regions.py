@@ -9,12 +9,13 @@ from imgui_bundle import imgui
 from holoview.viewer.app import theme
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.widgets import command_button, dimmed, is_taken_over, tooltip, wrapped_text
+from holoview.viewer.app.widgets import command_button, dimmed, is_taken_over, same_line_for, tooltip, wrapped_text
 from holoview.viewer.document.measurements import RegionRow
 from holoview.viewer.document.region_table import region_rows, table_text
 from holoview.viewer.render.view_settings import ViewSettings
 
 _ENTER = imgui.InputTextFlags_.enter_returns_true
+_LINE_SHARE = 0.8  # of the panel's width at most, for the ends of the line
 _COLUMNS = {
     "region": "Its name: type another; Enter takes it over, Escape drops it.",
     "x, y, w, h": "Left, top, width and height in samples of the image; Enter takes them over, Escape drops them.",
@@ -78,7 +79,7 @@ def _draw_buttons(context: AppContext) -> None:
         ("has_scale_bar", "scale bar", "A length on the image, and below pictures that are saved."),
         ("has_legend", "legend", "Plane, lasers and colours on the image, and below pictures that are saved."),
     ):
-        imgui.same_line()
+        same_line_for(label, has_arrow=True)  # whose arrow is as wide as the box
         changed, is_on = imgui.checkbox(label, getattr(context.session.view_settings, field))
         context.record_item_rect(label)
         tooltip(doc)
@@ -155,14 +156,14 @@ def _draw_place(context: AppContext, row: RegionRow, view: ViewSettings) -> None
 def _draw_line_and_cursor(context: AppContext, view: ViewSettings) -> None:
     em = imgui.get_font_size()
     if view.profile is not None:
-        imgui.set_next_item_width(16 * em)
+        imgui.set_next_item_width(min(16 * em, _LINE_SHARE * imgui.get_content_region_avail().x))
         is_entered, ends = imgui.input_float4("line", list(view.profile), "%.5g", _ENTER)
         is_entered = is_taken_over(is_entered)
         context.record_item_rect("line")
         tooltip("From x, y to x, y in samples of the image; Enter takes them over, Escape drops them.")
         if is_entered:
             context.edit_view("Line", profile=tuple(float(f"{end:.6g}") for end in ends))
-        imgui.same_line()
+        same_line_for("Save profile…")
         command_button(context, "Save profile…", name="save profile")
     row, column = view.cursor_in(context.session.document.image_shape)
     imgui.set_next_item_width(8 * em)

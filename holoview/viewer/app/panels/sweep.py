@@ -58,7 +58,7 @@ class SweepPanel(Panel):
             if button(context, "Cancel##sweep", "Ends it; the points that are there stay.", name="cancel the sweep"):
                 job.cancel()
         else:
-            with room_for_labels("iterations"):
+            with room_for_labels("parameter", "iterations"):
                 self._draw_choices(context)
         if job is not None and job.curve is not None and job.curve.points:
             self._draw_curve(context, job, job.curve)
