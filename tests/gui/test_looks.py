@@ -14,8 +14,9 @@ from PIL import Image
 import holoview
 from holoview.commands import cli
 from holoview.util.errors import UserError
-from holoview.viewer.app import theme
+from holoview.viewer.app import plots, theme
 from holoview.viewer.app.fonts import advice, fonts_of_scripts, missing_packages
+from holoview.viewer.app.panels import gamut, lasers, speckle
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.script import run_script
 from holoview.viewer.document.session_store import SessionStore
@@ -86,6 +87,15 @@ def test_signals_and_borders_have_the_contrast_that_wcag_asks_for(gui: Gui, name
         assert name == "Dark" or _contrast(_colour(imgui.Col_.border), _colour(ground)) >= 3
     style = imgui.get_style()
     assert min(style.window_border_size, style.frame_border_size, style.popup_border_size) == 1
+
+
+def test_curves_and_their_names_are_read_on_the_light_ground(gui: Gui) -> None:
+    gui.context.set_theme("Light")
+    bright = [*dict(lasers._CONES).values(), *speckle._PROFILE_COLOURS.values(), *gamut._TRIANGLE_COLOURS.values()]
+    for colour in (*bright, gamut._LASER_LINE, gamut._OUTLINE, plots.GREY, plots._CONES):
+        drawn = theme.curve_colour(colour)
+        assert _contrast(np.array([drawn.x, drawn.y, drawn.z]), _colour(imgui.Col_.window_bg)) >= READABLE, colour
+        assert drawn.w == 1.0
 
 
 def test_names_are_drawn_by_the_fonts_that_the_machine_has(tmp_path: Path) -> None:

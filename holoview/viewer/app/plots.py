@@ -149,9 +149,9 @@ def _draw_curve(curve: RetinalCurve, pupil_mm: float) -> None:
     with plot("contrast by pupil", "pupil (mm)", "contrast", span, (0, top), legend, has_flat_legend=True) as is_open:
         if is_open:
             line("samples", x, every, theme.signal_colour("accent"), marked=True)
-            line("cones", x, cones, _CONES, marked=True)
+            line("cones", x, cones, theme.curve_colour(_CONES), marked=True)
             law = f"1/√{independent_patterns(curve.independent):.3g}"
-            line(law, np.array(span), np.full(2, curve.independent), GREY)
+            line(law, np.array(span), np.full(2, curve.independent), theme.curve_colour(GREY))
             line("##now", np.full(2, pupil_mm), np.array([0, top]), theme.signal_colour("warning"))
     tooltip(
         "Blue: contrast at every sample. Green: of its means over foveal cones (0.5 arcmin), which hide fine speckle. "

@@ -21,6 +21,7 @@ _SIGNALS = {
     "Dark": {"accent": (0.30, 0.62, 0.95), "warning": (0.95, 0.70, 0.25), "error": (1.0, 0.45, 0.40)},
     "Light": {"accent": (0.04, 0.36, 0.68), "warning": (0.54, 0.35, 0.0), "error": (0.70, 0.15, 0.12)},
 }
+_ON_LIGHT = 0.55  # of the parts of a colour of curves, in the light theme
 DIALOG = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
 CARD = DIALOG | imgui.WindowFlags_.no_collapse | imgui.WindowFlags_.no_move
 """Flags of a dialog, which takes the size of its content, and of a card, which also stays in its place."""
@@ -51,6 +52,13 @@ def signal_colour(name: str) -> imgui.ImVec4:
     """The colour "accent", "warning" or "error" on the present ground, where text in it has a contrast above 4.5."""
     ground = imgui.get_style().color_(imgui.Col_.window_bg)
     return imgui.ImVec4(*_SIGNALS["Light" if ground.x > 0.5 else "Dark"][name], 1.0)
+
+
+def curve_colour(colour: imgui.ImVec4) -> imgui.ImVec4:
+    """A colour of curves and their names that suits a dark ground; on the light one darker, so that it is read."""
+    if imgui.get_style().color_(imgui.Col_.window_bg).x < 0.5:
+        return colour
+    return imgui.ImVec4(*(_ON_LIGHT * part for part in (colour.x, colour.y, colour.z)), 1.0)
 
 
 def apply(name: str, text_size: float = 1.0) -> None:

@@ -19,7 +19,15 @@ from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import WidgetEdit, draw_fields, number_field
 from holoview.viewer.app.theme import laser_colour
-from holoview.viewer.app.widgets import button, most_across, pale, room_for_labels, share_of_width, tooltip, wrapped_text
+from holoview.viewer.app.widgets import (
+    button,
+    most_across,
+    pale,
+    room_for_labels,
+    share_of_width,
+    tooltip,
+    wrapped_text,
+)
 from holoview.viewer.document.focus_edits import (
     PUPIL_RANGE_M,
     dioptres_of,

@@ -17,6 +17,7 @@ from holoview.viewer.app import plots
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
 from holoview.viewer.app.parameter_widgets import number_field
+from holoview.viewer.app.theme import curve_colour
 from holoview.viewer.app.widgets import combo
 from holoview.viewer.render.view_settings import NOW
 
@@ -118,7 +119,7 @@ def _plot_outline(name: str, points: NDArray[np.float64], colour: imgui.ImVec4, 
     if len(points) == 0:
         return
     closed = np.vstack([points, points[:1]])
-    spec = implot.Spec(line_color=colour, line_weight=weight)
+    spec = implot.Spec(line_color=curve_colour(colour), line_weight=weight)
     implot.plot_line(name, _column(closed, 0), _column(closed, 1), spec=spec)
 
 

@@ -13,7 +13,7 @@ from holoview.light.model import preset
 from holoview.light.model.system import System
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
-from holoview.viewer.app.theme import EYE_RANGE_M, laser_colour
+from holoview.viewer.app.theme import EYE_RANGE_M, curve_colour, laser_colour
 from holoview.viewer.app.user_input import digit_pressed
 from holoview.viewer.app.widgets import (
     coloured,
@@ -100,7 +100,8 @@ class LasersPanel(Panel):
         implot.setup_axes("wavelength (nm)", "", 0, implot.AxisFlags_.no_tick_labels)
         implot.setup_axes_limits(*_PLOT_RANGE_NM, 0.0, 1.18)
         implot.setup_axis_limits_constraints(implot.ImAxis_.x1, 200, 2000)
-        for (name, colour), curve in zip(_CONES, self._cones, strict=True):
+        for (name, bright), curve in zip(_CONES, self._cones, strict=True):
+            colour = curve_colour(bright)
             implot.plot_line(f"##{name}", self._nm, curve, spec=implot.Spec(line_color=colour))
             implot.push_style_color(implot.Col_.inlay_text, colour)
             implot.plot_text(name, float(self._nm[np.argmax(curve)]), _NAME_HEIGHT)

@@ -225,7 +225,7 @@ def _draw_histogram(histogram: SpeckleHistogram) -> None:
             )
             if histogram.pattern_count > 1:
                 name = f"{histogram.pattern_count:.3g} patterns"
-                plots.line(name, histogram.centres, histogram.expected_density, plots.GREY)
+                plots.line(name, histogram.centres, histogram.expected_density, theme.curve_colour(plots.GREY))
 
 
 def _draw_curve(curve: ContrastCurve) -> None:
@@ -239,7 +239,7 @@ def _draw_curve(curve: ContrastCurve) -> None:
             name = "image, raw" if curve.is_raw else "image"
             plots.line(name, count, curve.measured, theme.signal_colour("accent"), marked=True)
             plots.error_bars(name, count, curve.measured, curve.errors)
-            plots.line("independent", count, curve.independent, plots.GREY, marked=True)
+            plots.line("independent", count, curve.independent, theme.curve_colour(plots.GREY), marked=True)
 
 
 def _draw_profiles(profiles: Sequence[LineProfile]) -> None:
@@ -250,9 +250,9 @@ def _draw_profiles(profiles: Sequence[LineProfile]) -> None:
     with plots.plot("profile", "mm", "1 = white", span, high, above, has_flat_legend=True) as is_open:
         if is_open:
             for number, (name, colour) in enumerate(_PROFILE_COLOURS.items(), start=1):
-                plots.line(name, x, first.values[:, number], colour)
+                plots.line(name, x, first.values[:, number], theme.curve_colour(colour))
             plots.line("Y", x, first.values[:, 0], theme.signal_colour("accent"))
             for number, other in enumerate(profiles[1:]):
-                colour = theme.signal_colour("warning") if number == 0 else plots.GREY
+                colour = theme.signal_colour("warning") if number == 0 else theme.curve_colour(plots.GREY)
                 plots.line(f"Y of {other.image}", other.distance_m * 1e3, other.values[:, 0], colour)
     tooltip("Y: luminance. R, G, B: linear sRGB. Of an image beside it, the luminance.")
