@@ -58,7 +58,7 @@ def curve_colour(colour: imgui.ImVec4) -> imgui.ImVec4:
     """A colour of curves and their names that suits a dark ground; on the light one darker, so that it is read."""
     if imgui.get_style().color_(imgui.Col_.window_bg).x < 0.5:
         return colour
-    return imgui.ImVec4(*(_ON_LIGHT * part for part in (colour.x, colour.y, colour.z)), 1.0)
+    return imgui.ImVec4(_ON_LIGHT * colour.x, _ON_LIGHT * colour.y, _ON_LIGHT * colour.z, 1.0)
 
 
 def apply(name: str, text_size: float = 1.0) -> None:
