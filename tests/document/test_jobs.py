@@ -10,7 +10,7 @@ import pytest
 from holoview.holograms.optimise.settings import Settings
 from holoview.util.errors import UserError
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.jobs import JobControl, format_job
+from holoview.viewer.document.jobs import BackgroundJob, JobControl, format_job
 from holoview.viewer.document.optimisation_job import (
     OptimisationRequest,
     last_optimisation,
@@ -222,3 +222,8 @@ def test_a_job_that_is_cancelled_after_its_last_check_has_no_result(session: Edi
     job.cancel()
     session.poll()
     assert job.status == "cancelled" and results == []
+
+
+def test_a_title_that_names_a_file_can_be_shown() -> None:
+    """Half of a surrogate pair stands for a byte that isn't UTF-8; no window draws it."""
+    assert BackgroundJob("Open \udcff.png", lambda call: call(), lambda: None).title == r"Open \udcff.png"

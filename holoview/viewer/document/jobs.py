@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from holoview.util.processes import last_work_s
+from holoview.util.text import printable
 
 T = TypeVar("T")
 CallOnOwner = Callable[[Callable[[], None]], None]
@@ -90,7 +91,7 @@ class BackgroundJob:
     """
 
     def __init__(self, title: str, deliver: CallOnOwner, wake: Callable[[], None]) -> None:
-        self.title, self.status = title, "running"
+        self.title, self.status = printable(title), "running"  # which may name a file
         self.error: BaseException | None = None
         self.control = JobControl(wake)
         self._deliver, self._start_s = deliver, time.monotonic()
