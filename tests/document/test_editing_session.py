@@ -347,3 +347,9 @@ def test_looks_refuse_what_makes_no_sense() -> None:
 def test_a_state_refuses_patterns_of_another_shape() -> None:
     with pytest.raises(UserError, match="patterns"):
         Document(small_system(), np.zeros((1, 1, 2, 2), np.float32), ViewSettings(plane_m=0.01))
+
+
+def test_a_snapshot_named_by_a_file_has_a_name_that_can_be_shown(session: EditingSession) -> None:
+    """Of a file whose name isn't UTF-8."""
+    assert session.pin_beside("gap\udcff.toml", session.document) == r"gap\udcff.toml"
+    assert session.pin_beside("gap\udcff.toml", session.document) == r"gap\udcff.toml (2)"

@@ -346,8 +346,9 @@ class EditingSession:
         return name
 
     def pin_beside(self, name: str, document: Document) -> str:
-        """Stores a document as a snapshot under a name that no other has, and returns it."""
-        names = (name, *(f"{name} ({n})" for n in range(2, 10_000)))
+        """Stores a document as a snapshot under a name that can be shown and no other has, and returns it."""
+        shown = printable(name)
+        names = (shown, *(f"{shown} ({n})" for n in range(2, 10_000)))
         return self.pin(next(free for free in names if free not in self._snapshots), document)
 
     def edit_snapshot(self, name: str) -> None:
