@@ -116,6 +116,8 @@ class _Stages(TorchPropagation):
         return relay, *stops, distance_m, λ, self.plan.grid, band, values
 
     def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
+        """Kept also where gradients are recorded, unless an effect changes the pupil: none flows through it then."""
+
         def compute() -> Tensor:
             pupil = pupil_without_effects(self.plan, relay, wavelength)
             added = effects_pupil(self.plan, relay, wavelength, self._model.effects, self._model.nominal)
@@ -123,7 +125,9 @@ class _Stages(TorchPropagation):
             transfer = self.plan.transfer(relay, wavelength, plane)
             return relay_response(transfer, *self._frequency_tensors(relay), both, self.dtype)
 
-        return self._model.cache.get(("relay of a chain", *self._relay_key(relay, wavelength)), compute)
+        key, cache = ("relay of a chain", *self._relay_key(relay, wavelength)), self._model.cache
+        is_changed = self._model.effects.on_parts(self.plan.way.relay_names[relay], "pupil")
+        return cache.get(key, compute) if is_changed else cache.get_invariant(key, compute)
 
     def whole_spectrum(self, seen: TorchField, relay: int) -> Tensor:
         """A spectrum at all frequencies of the padded grid, (P_y, P_x), of a field that begins at its first sample."""
