@@ -81,12 +81,15 @@ def test_a_prediction_is_what_the_simulation_shows(elements: tuple[dict[str, Any
 
 
 def test_each_result_that_is_kept_is_that_of_its_effects() -> None:
-    """One predictor for all effects in turn gives what a new one gives, so that no key lacks a value."""
+    """One predictor for all effects in turn gives what a new one gives, so that no key lacks a value. So it does where
+    gradients are recorded, for which less is kept."""
     captures = _blank()
     kept = Predictor(captures)
     for effect in _seen(captures):
         effects = {effect.id: {p.name: p.nudged(0.5) for p in effect.parameters}}
-        assert np.array_equal(kept([3], effects).signal, Predictor(captures)([3], effects).signal), effect.id
+        new = Predictor(captures)([3], effects).signal
+        assert np.array_equal(kept([3], effects).signal, new), effect.id
+        assert np.array_equal(kept([3], effects, grad=True).signal, new), effect.id
 
 
 @pytest.fixture
