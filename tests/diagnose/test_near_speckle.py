@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import plain_light
 from benchmarks.plain_light import Beam
 from benchmarks.real_benches import Drawn, draw, measure
 from holoview.bench.captures.capture_file import read_captures
@@ -33,12 +32,6 @@ from tests.explored import explored
 
 RADIUS_PX, STROKE, HALF_PX = 15.0, 0.7, 32.0
 WAVE = {(2, 2): 0.5, (3, 1): 0.6, (3, -1): -0.5}  # rad r.m.s.: astigmatism and both comas
-
-
-@pytest.fixture(autouse=True)
-def _samples_of_a_large_bench(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Twice as many in twice the window change the light by 0.03 % (`plain_light`), a tenth of a level of 8 bits."""
-    monkeypatch.setattr(plain_light, "SMALL_PX", 0)
 
 
 def _captures(drawn: Drawn, folder: Path) -> Captures:
