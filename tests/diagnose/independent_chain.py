@@ -1,6 +1,7 @@
 """Captures of chains with hidden faults by plain numpy, which shares no code with the predictor of captures.
 
-    python -m tests.diagnose.independent_chain 20 1     draws so many benches with a mask (0: an amplitude modulator)
+    python -m tests.diagnose.independent_chain 20 1     draws so many benches with a mask (0: an amplitude modulator;
+                                                        2: stuck parts of the modulators)
 
 A simulation has samples and a width of its own, usually finer and wider than those of a prediction; free space is the
 exact transfer function of all waves that propagate. A misplaced element is drawn at its place, as means over the areas
@@ -65,7 +66,7 @@ class Fault:
     """A hidden fault: the effect that names it, and its values, SI."""
 
     effect: str
-    values: dict[str, float]
+    values: dict[str, Any]
 
 
 def draw_fault(rng: np.random.Generator, kind: str) -> Fault:
@@ -81,11 +82,19 @@ def draw_fault(rng: np.random.Generator, kind: str) -> Fault:
         return Fault("misplaced@second", {"shift_z": sign * rng.uniform(0.05, 0.4) * MM})
     if kind == "turned":
         return Fault("misplaced@second", {"rotation": sign * rng.uniform(3e-3, 20e-3)})
+    if kind == "column":
+        return Fault("slm_stuck@first", {"columns": (int(rng.integers(6, 26)),), "column_levels": (rng.random(),)})
+    if kind == "pixel":
+        y, x = (int(rng.integers(2, PIXELS // COARSE - 2)) for _ in "yx")
+        level = float(rng.integers(2))  # as a pixel that keeps dark or bright
+        return Fault("slm_stuck@second", {"pixel_rows": (y,), "pixel_columns": (x,), "pixel_levels": (level,)})
     y, x = rng.uniform(1 * UM, 8 * UM, 2) * rng.choice([-1.0, 1.0], 2)
     return Fault("misplaced@second", {"shift_y": y, "shift_x": x})
 
 
 OF_AMPLITUDE, OF_MASK = ("leakage", "gamma", "shifted", "far"), ("shifted", "far", "turned", "depth")
+STUCK = ("column", "pixel")
+"""A column of the phase modulator, and a pixel of the amplitude modulator."""
 
 
 def nominal(is_mask: bool) -> System:
@@ -136,12 +145,17 @@ def _seen(drive: Floats, second: Floats | None, λ: float, z: float, fault: Faul
     effect, v = (fault.effect.split("@")[0], fault.values) if fault else ("", {})
     fine = np.repeat(np.repeat(drive, by.fine, 0), by.fine, 1)
     shift_z = v.get("shift_z", 0.0)
+    fine = fine.copy()
+    for column, level in zip(v.get("columns", ()), v.get("column_levels", ()), strict=True):
+        fine[:, column * by.fine : (column + 1) * by.fine] = level
     light = _through(np.exp(2j * np.pi * STROKE_M / λ * fine), λ, WAY_M + shift_z, 0.05, by)[by.inside, by.inside]
     if second is None:
         path = np.random.default_rng(MASK_SEED).random((PIXELS, PIXELS)) * MASK_STROKE_M * (1 + v.get("error", 0.0))
         pixels, pitch = np.exp(2j * np.pi * path / λ), by.fine
     else:
         amplitude = second ** v.get("gamma", 1.0)
+        if effect == "slm_stuck" and "pixel_levels" in v:
+            amplitude[v["pixel_rows"], v["pixel_columns"]] = v["pixel_levels"]
         leak = v.get("amplitude", 0.0) if effect == "leakage" else 0.0
         pixels, pitch = (amplitude + (1 - amplitude) * leak).astype(complex), by.fine * COARSE
     sampled = _turned(pixels, pitch, by, v["rotation"]) if "rotation" in v else _shifted(pixels, pitch, by, v)
@@ -220,14 +234,15 @@ def _measured(
 
 def main(count: int, is_mask: int = 0, seed: int = 0, fine: int = 4, wider: int = 4) -> None:
     """Draws faults of the amplitude modulator or of the mask, diagnoses each, and prints whether it alone explains
-    them; every fifth bench has none."""
-    named, by = 0, Simulation(fine, wider)
+    them; every fifth bench, of stuck parts every third, has none."""
+    named, by, kinds = 0, Simulation(fine, wider), (OF_AMPLITUDE, OF_MASK, STUCK)[is_mask]
     for number in range(count):
         rng = np.random.default_rng([seed, is_mask, number])
-        fault = draw_fault(rng, (OF_MASK if is_mask else OF_AMPLITUDE)[number % 5]) if number % 5 < 4 else None
+        kind = (*kinds, "")[number % (len(kinds) + 1)]
+        fault = draw_fault(rng, kind) if kind else None
         began = time.process_time()
-        found = diagnose(captures_with(fault, bool(is_mask), rng, by))
-        causes = {cause.effect: {p: i.value for p, i in cause.intervals.items()} for cause in found.causes}
+        found = diagnose(captures_with(fault, is_mask == 1, rng, by))
+        causes = {c.effect: c.lists | {p: i.value for p, i in c.intervals.items()} for c in found.causes}
         expected = ("explained", {fault.effect}) if fault else ("consistent", set())
         is_named = (found.verdict, {*causes}) == expected
         named += is_named

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from holoview.bench.captures.predictor import PLAIN, SamplingConfig
+from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.sampling_choice import choose_sampling, other_samplings
 from holoview.light.numerics.sampling import AREA
@@ -15,10 +16,12 @@ from tests.diagnose.independent_chain import (
     OF_AMPLITUDE,
     OF_MASK,
     PIXELS,
+    STUCK,
     USUAL,
     Simulation,
     captures_with,
     draw_fault,
+    nominal,
     on_camera,
 )
 
@@ -45,6 +48,35 @@ def test_a_hidden_fault_of_a_chain_is_named_with_its_size(kind: str, is_mask: bo
         # 1 %, for what the band limit and the stops of the two programs differ in at the noise's size
         assert cause.intervals[name].value == pytest.approx(value, rel=0.01)
     assert "second" in cause.sentence
+
+
+@pytest.mark.parametrize(
+    ("kind", "by"),
+    [("pixel", AS_PREDICTED), *(pytest.param(kind, USUAL, marks=pytest.mark.explores) for kind in STUCK)],
+)
+def test_a_stuck_part_of_a_modulator_of_a_chain_is_named_with_its_place_and_level(kind: str, by: Simulation) -> None:
+    rng = np.random.default_rng([12, STUCK.index(kind)])
+    fault = draw_fault(rng, kind)
+    found = diagnose(captures_with(fault, False, rng, by))
+    (cause,) = found.causes
+    assert found.verdict == "explained" and cause.effect == fault.effect
+    places = {name: own for name, own in fault.values.items() if not name.endswith("levels")}
+    assert cause.lists == places
+    (name,) = fault.values.keys() - places.keys()
+    # 1 % of full drive: as for the other faults
+    assert cause.intervals[f"{name}[0]"].value == pytest.approx(fault.values[name][0], abs=0.01)
+    assert f" of {fault.effect.split('@')[1]} is stuck at " in cause.sentence
+
+
+def test_fringes_over_a_modulator_of_a_chain_are_named() -> None:
+    values = {"path_y": 2.2e-6, "path_x": -3.1e-6, "cos1": 0.05, "sin1": -0.03, "cos2": 0.04, "sin2": 0.02}
+    settings = AcquisitionSettings(captures_per_condition=4, seed=int(np.random.default_rng(13).integers(1 << 16)))
+    found = diagnose(make_captures(nominal(False), {"slm_fringes@first": values}, settings))
+    (cause,) = found.causes
+    assert found.verdict == "explained" and cause.effect == "slm_fringes@first"
+    for name in ("path_y", "path_x"):
+        assert cause.intervals[name].value == pytest.approx(values[name], rel=0.05)  # a twentieth of a fringe
+    assert cause.sentence.startswith("Fringes of depth ") and " lie over first; " in cause.sentence
 
 
 @pytest.mark.explores

@@ -57,7 +57,7 @@ def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_ali
     _check(found, "slm1_stuck", {"columns": (12, 30)}, levels)
     (cause,) = found.as_json()["causes"]
     assert cause["parameters"]["columns"]["value"] == [12, 30]
-    assert cause["sentence"].startswith("Columns 12 and 30 of modulator 1 are stuck at 0.3 to 0.733 of the stroke")
+    assert cause["sentence"].startswith("Columns 12 and 30 of modulator 1 are stuck at 0.3 to 0.733 of full drive")
 
 
 FEW = ("slm1_stuck", "slm_flatness", "stroke_map")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,7 +13,13 @@ import holoview as hv
 from holoview.evidence.benchmark.report_run import ExecutorPair, stage_errors
 from holoview.light.gpu.device import Device
 from holoview.light.model.effects.on_element import split_id
-from holoview.light.model.effects.registry import effect_or_twin, element_effects, get_effect, listed_effects
+from holoview.light.model.effects.registry import (
+    effect_or_twin,
+    effects_for,
+    element_effects,
+    get_effect,
+    listed_effects,
+)
 from holoview.light.model.preset import dumps, loads
 from holoview.light.model.system import System
 
@@ -87,6 +94,14 @@ def test_each_effect_changes_a_chain_or_says_why_it_cannot(name: str, element: s
         changed, next(iter(changed.effect_values.values()))
     )
     assert "{" not in finding and (not element or element in finding)
+
+
+def test_what_is_said_of_an_effect_on_an_element_names_no_other_modulator() -> None:
+    for effect in effects_for(_chain()):
+        if "@" in effect.id:
+            texts = [effect.cause, *(p.doc for p in effect.parameters)]
+            texts += [effect.format_finding(_chain(), {p.name: p.nudged(0.5) for p in effect.parameters})]
+            assert not any(re.search(r"(modulator|relay) [12]", text) for text in texts), texts
 
 
 @pytest.mark.parametrize(("name", "element"), [case for case in CASES if case[1]])

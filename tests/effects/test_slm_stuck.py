@@ -195,11 +195,11 @@ def test_modulator_2_holds_its_levels(make_session: Callable[..., Captures]) -> 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"columns": (70,), "column_levels": (0.3,)}, "Column 70 of modulator 2 is stuck at 0.3 of the stroke"),
-        ({"columns": (9, 4, 5, 6)}, "Columns 4 to 6 and 9 of modulator 2 are stuck at 0 of the stroke"),
+        ({"columns": (70,), "column_levels": (0.3,)}, "Column 70 of modulator 2 is stuck at 0.3 of full drive"),
+        ({"columns": (9, 4, 5, 6)}, "Columns 4 to 6 and 9 of modulator 2 are stuck at 0 of full drive"),
         (
             {"rows": (8,), "row_levels": (0.2,), "columns": (1, 2), "column_levels": (0.4, 0.6)},
-            "Columns 1 and 2 and row 8 of modulator 2 are stuck at 0.2 to 0.6 of the stroke",
+            "Columns 1 and 2 and row 8 of modulator 2 are stuck at 0.2 to 0.6 of full drive",
         ),
         (
             {"pixel_rows": (5, 5, 6, 9), "pixel_columns": (7, 8, 9, 1), "pixel_levels": (0.5,)},
@@ -214,12 +214,12 @@ def test_modulator_2_holds_its_levels(make_session: Callable[..., Captures]) -> 
                 "part_last_columns": (70,),
                 "part_levels": (0.3,),
             },
-            "Rows 48 to 95 of column 70 of modulator 2 are stuck at 0.3 of the stroke, whatever is sent (",
+            "Rows 48 to 95 of column 70 of modulator 2 are stuck at 0.3 of full drive, whatever is sent (",
         ),
         ({"kept_rows": (41,)}, "Row 41 of modulator 2 shows the first pattern of all instead of what is sent ("),
         (
             {"rows": (8,), "row_levels": (0.2,), "late_columns": (3, 9)},
-            "0.2 of the stroke, whatever is sent; columns 3 and 9 of modulator 2 show the pattern before instead of",
+            "0.2 of full drive, whatever is sent; columns 3 and 9 of modulator 2 show the pattern before instead of",
         ),
     ],
 )

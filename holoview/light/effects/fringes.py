@@ -106,7 +106,7 @@ class SlmFringes(Effect):
     """
 
     modulator: ClassVar[int]
-    finding = (
+    finding = element_finding = (
         "Fringes of depth {depth} lie over {modulator}; {fringes_y} (y) and {fringes_x} (x) of them fit onto it at "
         "550 nm: the cover glass is a wedge."
     )

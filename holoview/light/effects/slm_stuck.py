@@ -20,7 +20,7 @@ def _places(name: str, doc: str) -> Parameter:
 
 
 def _levels(name: str, of: str) -> Parameter:
-    doc = f"What {of} show, as a share of the stroke; the last one holds for all that have none."
+    doc = f"What {of} show, as a share of full drive; the last one holds for all that have none."
     return ListParameter(name, doc, low=-0.25, high=1.25, prior=0.3)
 
 
@@ -36,7 +36,7 @@ class SlmStuck(Effect):
     """
 
     modulator: ClassVar[int]
-    finding = "{found} (counted from 0)."
+    finding = element_finding = "{found} (counted from 0)."
     parameters = (
         _places("columns", "Columns that are stuck, counted from 0 at the left."),
         _levels("column_levels", "these columns"),
@@ -82,7 +82,7 @@ class SlmStuck(Effect):
         places = describe_places(v["columns"], v["rows"], _pixels(v), _parts(v))
         modulator = f"of modulator {self.modulator + 1}"
         verb = is_or_are(levels) if not _parts(v) else "are"
-        dead = f"{places} {modulator} {verb} stuck at {describe_levels(levels)} of the stroke"
+        dead = f"{places} {modulator} {verb} stuck at {describe_levels(levels)} of full drive"
         found = [f"{dead}, whatever is sent"] if levels else []
         for what, columns, rows in (
             ("the first pattern of all", v["kept_columns"], v["kept_rows"]),

@@ -180,7 +180,10 @@ class ModulatorFringeStarts:
     def __call__(self, effect: Effect) -> StartingValues:
         if StartKind.MODULATOR_FRINGES not in effect.start_kinds or effect.id in self._base:
             return []
-        of, slopes = self._slopes[modulator_of(effect)]
+        number = modulator_of(effect, self._comparison.data.captures)
+        if number is None:
+            return []
+        of, slopes = self._slopes[number]
         shortest = min(self._wavelengths_m.values())
         y, x = (resolved_paths(n, shortest) for n in of.shape)
         power = np.zeros((len(y), len(x)))
@@ -197,7 +200,7 @@ class ModulatorFringeStarts:
         found: dict[int, tuple[ModulatorContext, dict[int, Complex]]] = {}
         for one in transmission_slopes(self._context, self._base, self._comparison):
             of, slope = one.modulator, one.of_pixels(one.slope.conj() * one.transmission)
-            _, sums = found.setdefault(of.number, (of, {}))
+            _, sums = found.setdefault(one.number, (of, {}))
             sums[of.laser] = np.asarray(sums.get(of.laser, 0.0) + slope, dtype=np.complex128)
         return found
 

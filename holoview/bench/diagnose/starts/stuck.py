@@ -219,7 +219,11 @@ class StuckStarts:
         if not open_ones:
             return
         gains = replacement_gains(context, base, comparison, LEVELS, earlier=True)
-        searches = [_StuckSearch(context, base, effect, gains[modulator_of(effect)]) for effect in open_ones]
+        searches = [
+            _StuckSearch(context, base, effect, number, gains[number])
+            for effect in open_ones
+            if (number := modulator_of(effect, context.data.captures)) is not None
+        ]
         for search in sorted(searches, key=lambda one: -one.first_significance):
             error = context.relative_model_error(base)
             found = search.run(comparison)
@@ -234,14 +238,17 @@ class StuckStarts:
 
 
 class _StuckSearch:
-    """The search for the stuck places of one modulator on top of a base. gains: of replacements on the base alone."""
+    """The search for the stuck places of one modulator on top of a base.
 
-    def __init__(self, context: SearchContext, base: FittedValues, effect: Effect, gains: Floats) -> None:
-        self.effect = effect
+    number: of the modulator, as of `modulator_of`. gains: of replacements on the base alone.
+    """
+
+    def __init__(self, context: SearchContext, base: FittedValues, effect: Effect, number: int, gains: Floats) -> None:
+        self.effect, self._number = effect, number
         self._context, self._base, self._gains = context, base, gains
         self._settled = set[Key]()
         captures = context.data.captures
-        self._first_pixel, self._whole = captures.first_pixel, captures.slm_frame or captures.levels.shape[2:]
+        self._first_pixel, self._whole = captures.first_pixel, captures.slm_frame or gains.shape[1:]
 
     @cached_property
     def first_significance(self) -> float:
@@ -301,7 +308,7 @@ class _StuckSearch:
     def _gains_beside(self, places: list[DeadPlace], comparison: Comparison) -> Floats:
         """The gains of replacements on top of these places."""
         found = replacement_gains(self._context, self.values(places), comparison, LEVELS, earlier=True)
-        return found[modulator_of(self.effect)]
+        return found[self._number]
 
     def _wider(self, places: list[DeadPlace], comparison: Comparison, gains: Floats) -> list[DeadPlace] | None:
         """The places with the lines that stand out beside them, or else with pixels; None where neither gains."""
@@ -386,7 +393,8 @@ class _StuckSearch:
         if len(places) > MAX_FREE_ENTRIES or noise_alone.chi2_per_pixel(self.values(places)) < floor:
             return places
         captures = self._context.data.captures
-        waves = captures.wavelengths_m / captures.slms[modulator_of(self.effect)].opd_range_m
+        stroke_m = captures.slms[self._number].opd_range_m
+        waves = captures.wavelengths_m / stroke_m if stroke_m else np.empty(0)  # of an amplitude modulator
         for place in (place for place in places if place.has_level):
             level, others = float(place.level), [one for one in places if one is not place]
             levels = [level, *(level + wave for wave in (*waves, *-waves) if 0 <= level + wave <= 1)]

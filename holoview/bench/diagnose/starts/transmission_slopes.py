@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.bench.captures.dataset import Captures
 from holoview.bench.diagnose.fit import FittedValues
 from holoview.bench.diagnose.likelihood import Comparison
 from holoview.bench.diagnose.search_context import SearchContext
@@ -26,19 +27,22 @@ Complex = NDArray[np.complexfloating]
 Tensor = torch.Tensor
 
 
-def modulator_of(effect: Effect) -> int:
-    """The number of the modulator that an effect acts on, 0 for the first."""
-    return int(effect.acts_on[0].removeprefix("modulator ")) - 1
+def modulator_of(effect: Effect, captures: Captures) -> int | None:
+    """The number of the modulator that an effect acts on, 0 for the first, of a chain among the elements that show
+    patterns; None where it acts on something else."""
+    names = captures.slm_names
+    return names.index(effect.acts_on[0]) if effect.acts_on[0] in names else None
 
 
 @dataclass(frozen=True, eq=False)
 class TransmissionSlope:
     """Derivatives by the samples of a modulator from one capture of a comparison, at a position in its indices.
 
-    slope (y, x): ∂χ²/∂Re t + i·∂χ²/∂Im t by the transmission t (y, x) of a sample.
+    number: as of `modulator_of`. slope (y, x): ∂χ²/∂Re t + i·∂χ²/∂Im t by the transmission t (y, x) of a sample.
     """
 
     position: int
+    number: int
     modulator: ModulatorContext
     slope: Complex
     transmission: Complex
@@ -78,8 +82,8 @@ def transmission_slopes(
     context: SearchContext, base: FittedValues, comparison: Comparison
 ) -> Iterator[TransmissionSlope]:
     """The slopes of every modulator at every capture of a comparison, with the causes of a base; a pass for each."""
-    chain = context.data.captures.chain
-    probe = _TransmissionProbe(() if chain is None else list(chain.drive_shapes))
+    names = () if context.data.captures.chain is None else context.data.captures.slm_names
+    probe = _TransmissionProbe(names)
     probed = comparison.with_predictor(context.predictor.create(extra_effects=[probe]))
     values: FittedValues = {**base, probe.id: {"on": 1.0}}
     for position in range(len(comparison.indices)):
@@ -87,7 +91,8 @@ def transmission_slopes(
         squares = squared_residuals(probed, values, position)
         slopes = torch.autograd.grad(squares, [zero for zero, _, _ in probe.seen])
         for slope, (_, transmission, modulator) in zip(slopes, probe.seen, strict=True):
-            yield TransmissionSlope(position, modulator, slope.numpy(), transmission.numpy())
+            number = names.index(modulator.element) if names else modulator.number
+            yield TransmissionSlope(position, number, modulator, slope.numpy(), transmission.numpy())
 
 
 def squared_residuals(comparison: Comparison, values: FittedValues, position: int) -> Tensor:
@@ -114,12 +119,10 @@ def replacement_gains(
     """
     gains: dict[int, Floats] = {}
     chain = context.data.captures.chain
-    names = [] if chain is None else list(chain.drive_shapes)
     for found in transmission_slopes(context, base, comparison):
-        shares, modulator = levels[:, None, None], found.modulator
-        number = names.index(modulator.element) if names else modulator.number
+        shares, modulator, number = levels[:, None, None], found.modulator, found.number
         if earlier:
-            patterns = _earlier_patterns(comparison, found.position, number)
+            patterns = _earlier_patterns(comparison, found)
             shares = np.concatenate([np.broadcast_to(shares, (len(levels), *modulator.shape)), patterns])
         element = None if chain is None else chain.elements[chain.part(modulator.element)]
         light = element.amplitude_of(shares) if isinstance(element, AmplitudeModulator) else _phasors(modulator, shares)
@@ -130,19 +133,20 @@ def replacement_gains(
 def line_gains(gains: Floats, axis: int, segments: int) -> Floats:
     """The gain of whole lines along an axis of (level, y, x), robust against a few parts that gain alone."""
     parts = _segment_gains(gains, axis, segments)
-    return np.asarray(segments * np.median(parts, axis=0))
+    return np.asarray(len(parts) * np.median(parts, axis=0))
 
 
 def line_significance(gains: Floats, axis: int, segments: int, least: int) -> Floats:
     """How far lines stand out, (level, line): whole, or in parts of `least` segments and more from one edge on."""
     parts = _segment_gains(gains, axis, segments)
-    spans = [parts, *(half for n in range(least, segments) for half in (parts[:n], parts[-n:]))]
+    spans = [parts, *(half for n in range(least, len(parts)) for half in (parts[:n], parts[-n:]))]
     return np.asarray(np.max([significance(len(span) * np.median(span, axis=0)) for span in spans], axis=0))
 
 
 def _segment_gains(gains: Floats, axis: int, segments: int) -> Floats:
-    """The gain of each part of a line, (segment, level, line)."""
-    return np.stack([part.sum(axis=axis) for part in np.array_split(gains, segments, axis=axis)])
+    """The gain of each part of a line, (segment, level, line); of a line of fewer pixels of each pixel."""
+    count = min(segments, gains.shape[axis])
+    return np.stack([part.sum(axis=axis) for part in np.array_split(gains, count, axis=axis)])
 
 
 def significance(gains: Floats) -> Floats:
@@ -168,11 +172,11 @@ def _above_median(values: Floats, among: Floats) -> tuple[Floats, float]:
     return values - middle, 1.4826 * float(np.median(np.abs(among - middle)))
 
 
-def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> Floats:
+def _earlier_patterns(comparison: Comparison, of: TransmissionSlope) -> Floats:
     """The first pattern of all captures, and the pattern before a capture, as shares of the stroke (pattern, y, x)."""
-    captures = comparison.data.captures
-    before = captures.drive_before(int(comparison.indices[position]))
-    return np.stack([captures.first_drive[modulator], before[modulator]])
+    captures, (rows, columns) = comparison.data.captures, of.modulator.shape
+    before = captures.drive_before(int(comparison.indices[of.position]))
+    return np.stack([captures.first_drive[of.number], before[of.number]])[:, :rows, :columns]
 
 
 def _phasors(of: ModulatorContext, shares: Floats) -> Complex:

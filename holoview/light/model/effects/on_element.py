@@ -56,7 +56,7 @@ class OnElement(Effect):
         )
         self.acts_on = (element,)  # type: ignore[misc]
         self.needs = dataclasses.replace(effect.needs, modulators=1, irises=())  # type: ignore[misc]
-        for name in ("order", "varies_over_field", "has_rival_parameters", "element_kinds"):
+        for name in ("order", "varies_over_field", "start_kinds", "has_rival_parameters", "element_kinds"):
             setattr(self, name, getattr(effect, name))
         for hook in HOOKS:
             setattr(self, hook, partial(self._call, hook))
@@ -104,7 +104,8 @@ class OnElement(Effect):
         v = self.parameter_values(values)
         if self.effect.element_finding:
             texts = {p.name: p.format(v[p.name]) for p in self.parameters}
-            fields = self.effect.finding_fields(system, self._values(v))
+            own = self.effect.finding_fields(system, self._values(v))
+            fields = {name: _of_one(text, self.element) for name, text in own.items()}
             return self.effect.element_finding.format(**{**texts, **fields, "element": self.element})
         told = ", ".join(f"{p.name} {p.format(v[p.name])}" for p in self.parameters if not v.is_off(p.name))
         return f"{self.element}: {self.cause.rstrip('.')} ({told or 'by nothing'})."

@@ -58,7 +58,8 @@ def listed_effects() -> Mapping[str, Effect]:
 
 def element_effects() -> Mapping[str, Effect]:
     """The effects that may act on an element that is stated, by the id that they have there, sorted."""
-    found = {effect.element_id or name: effect for name, effect in _all_effects().items() if effect.element_kinds}
+    last_first = reversed(list(_all_effects().items()))  # so that of twins the first stays
+    found = {effect.element_id or name: effect for name, effect in last_first if effect.element_kinds}
     return MappingProxyType(dict(sorted(found.items())))
 
 
