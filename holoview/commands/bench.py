@@ -14,7 +14,6 @@ from holoview.commands.arguments import add_system, system_from_args
 from holoview.commands.bench_report import write_report
 from holoview.commands.console import deferred_interrupt, print_json, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder
-from holoview.evidence.benchmark.chain_benchmark import benchmark_chain
 from holoview.evidence.benchmark.frame_benchmark import (
     Criterion,
     DeviceTime,
@@ -100,9 +99,8 @@ def run(args: argparse.Namespace) -> int:
     _check_strategy(args.strategy, system, device)
     options, timed = {"half": args.half, "strategy": args.strategy}, None
     with progress_bar("frames and edits") as show:
-        benchmark = benchmark_chain if system.is_chain else benchmark_frame
-        frame = benchmark(system, device, rounds, progress=show, **options)
-    if TIMESTAMPS in device.features and not system.is_chain:
+        frame = benchmark_frame(system, device, rounds, progress=show, **options)
+    if TIMESTAMPS in device.features:
         timed = device_time(system, device, rounds, **options)
     with deferred_interrupt("start of a process") as interruption, progress_bar("first images") as show:
         first_image = first_image_timings(
@@ -233,8 +231,6 @@ def _table(result: dict[str, Any]) -> str:
     lines += ["", f"{'ms':<48}  {'median':>9}  {'least':>7}  {'processor':>9}"]
     for name, sample in (result["jobs"] | result["first_image"]).items():
         lines.append(f"{name:<48}  {sample['median_ms']:>9.2f}  {sample['minimum_ms']:>7.2f}  {sample['cpu_ms']:>9.2f}")
-    if result["device_memory_bytes"] is None:
-        return "\n".join(lines)
     lines += [
         "",
         f"memory traffic of a wavelength: {result['traffic_bytes_a_wavelength'] / 1e6:.1f} MB",

@@ -19,9 +19,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,6 +36,7 @@ from holoview.evidence.benchmark.frame_jobs import (
     full_frame,
     middle_plane_m,
     open_renderer,
+    pattern_edit,
     scrub,
     time_interleaved,
 )
@@ -280,13 +281,13 @@ class DeviceTime:
 def device_time(
     system: System, device: Device, rounds: int, *, half: bool = False, strategy: StrategyOption = "auto"
 ) -> DeviceTime:
-    """Median of `rounds` frames of a system without padding, after one that isn't timed.
+    """Median of `rounds` frames of a short form without padding, or of a chain, after one that isn't timed.
 
     Raises UserError if the device has no timestamp queries.
     """
-    periodic = system.edit({"propagation": "periodic"})
-    renderer = open_renderer(periodic, device, half, strategy)
-    frame_s, count = job_device_s(renderer, full_frame(renderer), rounds), len(periodic.wavelengths_m)
+    renderer = open_renderer(_unpadded(system), device, half, strategy)
+    frame_s = job_device_s(renderer, full_frame(renderer), rounds)
+    count = len(renderer.plan.beams(range(len(system.wavelengths_m))))
     bandwidth = count * renderer.traffic_bytes / frame_s
     copy_bandwidth = probe_device(device, rounds).copy_bandwidth
     return DeviceTime(1e3 * frame_s, 1e3 * frame_s / count, bandwidth, copy_bandwidth)
@@ -373,16 +374,16 @@ class Criterion:
 class FrameTimings:
     """Results of `benchmark_frame`.
 
-    timings: by job. strategies: of the FFTs, by job. traffic_bytes: memory traffic of one wavelength; memory_bytes: of
-    the device; None for a chain, of which they aren't counted.
+    timings: by job. strategies: of the FFTs, by job. traffic_bytes: memory traffic of one wavelength. memory_bytes: of
+    the device.
     """
 
     timings: dict[str, JobTimings]
     criteria: list[Criterion]
     wavelengths: int
     strategies: dict[str, Strategy]
-    traffic_bytes: int | None = None
-    memory_bytes: int | None = None
+    traffic_bytes: int
+    memory_bytes: int
 
 
 def benchmark_frame(
@@ -394,29 +395,41 @@ def benchmark_frame(
     strategy: StrategyOption = "auto",
     progress: ProgressCallback = no_progress,
 ) -> FrameTimings:
-    """Time frames and edits of a system at its middle focal plane, without padding unless the job says otherwise.
+    """Time frames and edits of a system at its middle focal plane, in the same rounds as torch.
+
+    A short form has no padding unless the job says otherwise, and is timed with one of its wavelengths, too. A chain
+    has its own shapes and padding, and an edit of each element's pattern.
 
     half: store fields as f16. progress: counts the rounds.
     Raises UserError if the device's limits or memory don't suffice.
     """
     progress(0, 1 + rounds, "the fastest transforms")
-    base = system.edit({"propagation": "periodic"})
-    single = one_wavelength(base)
-    renderers = {
-        FULL: open_renderer(base, device, half, strategy),
-        SINGLE: open_renderer(single, device, half, strategy),
-        PADDED: open_renderer(system.edit({"propagation": "linear"}), device, half, strategy),
-    }
-    jobs: dict[str, TimedJob] = {name: full_frame(renderer) for name, renderer in renderers.items()}
-    jobs |= {SCRUB: scrub(renderers[FULL]), AMPLITUDE: amplitude_edit(open_renderer(base, device, half, strategy))}
-    jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single) | _pruned_jobs(base)
-    jobs |= _cuda_jobs(base)
-    jobs |= fft_jobs(device, make_plan(base).grid.padded, renderers[FULL].strategy)
-    samples = time_interleaved(jobs, rounds, progress=progress)
-    criteria = _criteria(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
+    base, others = _unpadded(system), dict[str, System]()
+    if not system.is_chain:
+        others = {SINGLE: one_wavelength(base), PADDED: system.edit({"propagation": "linear"})}
+    opened = partial(open_renderer, device=device, half=half, strategy=strategy)
+    renderers = {name: opened(bench) for name, bench in {FULL: base, **others}.items()}
     full = renderers[FULL]
+    jobs: dict[str, TimedJob] = {name: full_frame(renderer) for name, renderer in renderers.items()}
+    jobs |= {SCRUB: scrub(full), AMPLITUDE: amplitude_edit(opened(base))}
+    if system.is_chain:
+        jobs |= {f"pattern of {name}": pattern_edit(opened(base), name) for name in base.drive_shapes}
+        jobs |= _on_threads(TORCH, {"in turn": stage_loop(shown_plan(full), full.drive)})
+    else:
+        jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, others[SINGLE]) | _pruned_jobs(base)
+        jobs |= _cuda_jobs(base)
+    jobs |= fft_jobs(device, full.plan.grid.padded, full.strategy)
+    samples = time_interleaved(jobs, rounds, progress=progress)
+    ratios = [] if system.is_chain else _ratios(samples, len(base.wavelengths_m))
+    error = intensity_error(renderers.get(SINGLE, full))
     strategies = {name: renderer.strategy for name, renderer in renderers.items()}
+    criteria = [_fft_criterion(samples), *ratios, _error_criterion(error)]
     return FrameTimings(samples, criteria, len(base.wavelengths_m), strategies, full.traffic_bytes, full.memory_bytes)
+
+
+def _unpadded(system: System) -> System:
+    """A short form without padding; a chain as it is."""
+    return system if system.is_chain else system.edit({"propagation": "periodic"})
 
 
 def one_wavelength(system: System) -> System:
@@ -445,7 +458,56 @@ def reference_intensity(system: System) -> NDArray[np.floating]:
     return reference.intensity(0)
 
 
-def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) -> list[Criterion]:
+def stage_loop(plan: Plan, drive: Any) -> Callable[[], NDArray[np.floating]]:
+    """A frame of a chain in PyTorch, complex64, stage by stage, one wavelength after the other.
+
+    Returns a function that computes XYZ (y, x, 3) of the plan's first plane; transfer functions are kept from its first
+    call on.
+    """
+    executor = _KeptTransfers(plan, FrameInputs(plan, drive))
+
+    def frame() -> NDArray[np.floating]:
+        executor.clear_xyz()
+        for wavelength in range(len(plan.system.wavelengths_m)):
+            executor.run(wavelength)
+            executor.composite(wavelength)
+        return executor.xyz()[0]
+
+    return frame
+
+
+class _KeptTransfers(TorchExecutor):
+    """Keeps the transfer functions of all wavelengths."""
+
+    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> torch.Tensor:
+        """As there."""
+        key = (relay, wavelength, plane)
+        if key not in self._known:
+            self._known[key] = self.derived_transfer(*key)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, int, int], torch.Tensor]:
+        return {}
+
+
+def shown_plan(renderer: IncrementalRenderer) -> Plan:
+    """The plan of the plane that is rendered alone, on the grid that fits all planes."""
+    return replace(renderer.plan, planes=renderer.plan.planes[-1:], _transfers={})
+
+
+def intensity_error(renderer: IncrementalRenderer) -> float:
+    """Relative L2 error of the intensity of the first laser against PyTorch in complex128."""
+    plan = shown_plan(renderer)
+    reference = TorchExecutor(plan, FrameInputs(plan, renderer.drive), double=True)
+    expected = np.zeros(plan.grid.shape)
+    for wavelength in plan.lasers[0].indices:
+        reference.run(wavelength)
+        expected += reference.intensity(0)
+    return float(np.linalg.norm(renderer.intensity(0) - expected) / np.linalg.norm(expected))
+
+
+def _ratios(samples: dict[str, JobTimings], wavelengths: int) -> list[Criterion]:
     ms = {name: sample.median_ms for name, sample in samples.items()}
     best, best_single = (
         min(time_ms for name, time_ms in ms.items() if name.startswith(f"{job}:")) for job in (TORCH, TORCH_SINGLE)
@@ -453,23 +515,21 @@ def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) ->
     pruned = [time_ms for name, time_ms in ms.items() if name.startswith(f"{TORCH_PRUNED}:")]
     beside_pruned = [Criterion("frame / best pruned torch loop", ms[FULL] / min(pruned), 1.0, 0.85)] if pruned else []
     return [
-        fft_criterion(samples),
         Criterion(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.60),
         *beside_pruned,
         Criterion("frame / best torch loop, 1 λ", ms[SINGLE] / best_single, 1.0, 0.85),
         Criterion("padded (linear) / periodic frame", ms[PADDED] / ms[FULL], 4.0, 3.0),
         Criterion("focal-plane scrub / full frame", ms[SCRUB] / ms[FULL], 0.45, 0.35),
         Criterion("amplitude edit / full frame", ms[AMPLITUDE] / ms[FULL], 0.10, 0.05),
-        error_criterion(error),
     ]
 
 
-def fft_criterion(samples: dict[str, JobTimings]) -> Criterion:
+def _fft_criterion(samples: dict[str, JobTimings]) -> Criterion:
     """The transforms of a device, timed as `fft_jobs`, over those of torch."""
     return Criterion("FFT2 / torch.fft2 on 2 threads", samples[FFT].median_ms / samples[TORCH_FFT].median_ms, 2.0, 1.6)
 
 
-def error_criterion(error: float) -> Criterion:
+def _error_criterion(error: float) -> Criterion:
     """The relative L2 error of a frame's intensity against PyTorch in complex128."""
     return Criterion("frame error, relative L2 against complex128", error, 1e-6, 7e-7)
 
@@ -479,11 +539,15 @@ def _torch_jobs(name: str, system: System) -> dict[str, TimedJob]:
 
     One thread is often faster on a busy machine, where several wait for each other.
     """
-    default_threads = torch.get_num_threads()
+    return _on_threads(name, _torch_baselines(system, "cpu"))
+
+
+def _on_threads(name: str, loops: Mapping[str, Callable[[], object]]) -> dict[str, TimedJob]:
+    """Loops in PyTorch by what they are called, on one thread and on PyTorch's default number."""
     return {
-        f"{name}: {order}, {threads} threads": partial(run_on_threads, baseline, threads)
-        for order, baseline in _torch_baselines(system, "cpu").items()
-        for threads in sorted({1, default_threads})
+        f"{name}: {what}, {threads} threads": partial(_run_on_threads, loop, threads)
+        for what, loop in loops.items()
+        for threads in sorted({1, torch.get_num_threads()})
     }
 
 
@@ -493,12 +557,7 @@ def _pruned_jobs(system: System) -> dict[str, TimedJob]:
     if not can_prune(plan):
         return {}
     inputs = FrameInputs(plan, random_drive(system))
-    baselines = {way: PrunedTorchBaseline(plan, inputs, way) for way in WAYS}
-    return {
-        f"{TORCH_PRUNED}: {way}, {threads} threads": partial(run_on_threads, baseline, threads)
-        for way, baseline in baselines.items()
-        for threads in sorted({1, torch.get_num_threads()})
-    }
+    return _on_threads(TORCH_PRUNED, {way: PrunedTorchBaseline(plan, inputs, way) for way in WAYS})
 
 
 def _cuda_jobs(system: System) -> dict[str, TimedJob]:
@@ -521,7 +580,7 @@ def _plan_at_middle(system: System) -> Plan:
     return make_plan(system, [middle_plane_m(system)])
 
 
-def run_on_threads(baseline: Callable[[], object], threads: int) -> None:
+def _run_on_threads(baseline: Callable[[], object], threads: int) -> None:
     """Runs a loop in PyTorch on so many threads."""
     with torch_threads(threads), torch.inference_mode():
         baseline()

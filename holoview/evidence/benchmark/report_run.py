@@ -602,12 +602,7 @@ class ReportRun:
 
     def _beside_torch(self) -> dict[str, Any]:
         options, system = self.options, self.options.middle_system
-        if system.is_chain:
-            from holoview.evidence.benchmark.chain_benchmark import benchmark_chain
-
-            frame = benchmark_chain(system, self.device, options.rounds)
-        else:
-            frame = benchmark_frame(system, self.device, options.rounds)
+        frame = benchmark_frame(system, self.device, options.rounds)
         criteria = [*frame.criteria, first_image_criterion(system, options.adapter)]
         return {
             "size": list(options.middle_size),

@@ -459,6 +459,8 @@ class FusedFrame:
         """Bytes that the kernels read and write for one field, from the source to the intensity."""
         layout, shape = self.layout, self.fused_kernels.shape
         opd = shape.places * math.prod(self.grid.shape) * _F32 // self.grid.upsample**2
+        if self.tables.plan.way.is_chain:  # a complex number for each sample
+            opd = shape.places * math.prod(self.grid.shape) * 2 * _F32
         kernels = [("propagate", relay) for relay in range(shape.first_relay, shape.last_relay)]
         kernels += [("modulate", relay + 1) for _, relay in kernels]
         last = ("spectrum", "image") if layout.keeps_spectrum else ("propagate",)
