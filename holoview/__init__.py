@@ -1,4 +1,4 @@
-"""holoview simulates and optimises holograms for polychromatic displays with one or two phase modulators.
+"""holoview simulates and optimises holograms for polychromatic displays: chains of modulators, masks and lenses.
 
 >>> import holoview as hv
 >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
@@ -8,8 +8,8 @@
 (96, 128, 3)
 
 All numbers are in SI units (metres, radians); text such as "10 mm" is accepted wherever a length or an angle of a
-display is. Drives have the axes (frame, modulator, y, x), intensities (plane, wavelength, y, x). A user's mistake
-raises `UserError`. The packages, each of which imports what stands above it here:
+display is. Drives have the axes (frame, modulator, y, x), or are a mapping by elements' names; intensities have (plane,
+wavelength, y, x). A user's mistake raises `UserError`. The packages, each of which imports what stands above it here:
 
 util        errors, units, files, tables, memory: knows nothing of optics
 light       the bench as data, its physics, and the two executors: what light does on a bench
