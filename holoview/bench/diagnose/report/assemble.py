@@ -19,6 +19,7 @@ from holoview.bench.diagnose.fit_statistics import (
     sample_captures,
     speckle_change,
 )
+from holoview.bench.diagnose.intervals import Interval
 from holoview.bench.diagnose.judge import RIVAL_FACTOR, Verdict, with_further_cause
 from holoview.bench.diagnose.outlier_rejection import SearchOutcome
 from holoview.bench.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
@@ -68,12 +69,8 @@ def assemble(
     which nothing changes from capture to capture.
     """
     progress(1, 1, "intervals, look-alikes")
-    found = outcome.fitted or outcome.context
-    intervals = intervals_of(found, outcome.decision, end)
-    result, decision, vetoes = veto_no_size(outcome.context, outcome.result, outcome.decision, intervals, found)
-    if vetoes and not decision.values.items() <= outcome.decision.values.items():  # the others were fitted again
-        intervals = intervals_of(found, decision, end)
-    outcome = dataclasses.replace(outcome, result=result, decision=decision, notes=[*outcome.notes, *vetoes])
+    outcome, intervals = _without_causes_of_no_size(outcome, end)
+    result, decision = outcome.result, outcome.decision
     context, comparison, values = outcome.context, result.comparison, decision.values
     captures = context.data.captures
     gain = outcome.searched.data_weighted_comparison(context.kept, 0.0).fit_gains(values).gain
@@ -114,6 +111,18 @@ def assemble(
         notes=(*notes, *outcome.notes, *short, *line_notes(pixels), *changing),
         seconds=math.nan,
     )
+
+
+def _without_causes_of_no_size(
+    outcome: SearchOutcome, end: SearchEnd
+) -> tuple[SearchOutcome, dict[tuple[str, str], Interval]]:
+    """The outcome without causes that may be nominal, with notes, and the interval of each (effect, parameter)."""
+    fitted = outcome.fitted or outcome.context
+    intervals = intervals_of(fitted, outcome.decision, end)
+    result, decision, vetoes = veto_no_size(outcome.context, outcome.result, outcome.decision, intervals, fitted)
+    if vetoes and not decision.values.items() <= outcome.decision.values.items():  # the others were fitted again
+        intervals = intervals_of(fitted, decision, end)
+    return dataclasses.replace(outcome, result=result, decision=decision, notes=[*outcome.notes, *vetoes]), intervals
 
 
 def _rivals(outcome: SearchOutcome) -> tuple[tuple[str, ...], ...]:
