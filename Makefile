@@ -1,7 +1,7 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
 # make test   set up everything, check style and types, run the tests (two files at a time; one: TESTS_AT_ONCE=0)
 # make test RESEED=1   the same with every seed moved, by another amount for each number (also test-all, test-processors)
-# make test-all   make test, then the tests that explore: fuzzing, all studies, tutorials, most bad captures
+# make test-all   make test, then the tests that take long or explore: whole diagnoses, fuzzing, all studies, tutorials
 # make test-processors  repeat the tests that depend most on the processor as if on others
 # make test-pythons  install holoview with Python 3.12 and 3.13, where they are found, and run tests there
 # make package  build the source distribution and the wheel into dist/
@@ -49,7 +49,7 @@ test: lint
 	$(PYTEST)
 
 test-all: test
-	$(PYTEST) -m "explores and not slow"
+	$(PYTEST) -m "(explores or long) and not slow"
 
 test-processors: .venv/holoview.stamp
 	@bash .ci/adapter

@@ -139,6 +139,7 @@ def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> No
     assert timed.as_dict()["share_of_copy"] > 0
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_a_first_image_comes_from_a_process_of_its_own(device: Device) -> None:
     criterion = frame_benchmark.first_image_criterion(_system())
@@ -241,6 +242,7 @@ def test_the_command_prints_a_table_and_json(
     assert result["adapter"]["name"] == device.info.name
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_tuning_shows_what_the_choice_rests_on(
     device: Device, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path

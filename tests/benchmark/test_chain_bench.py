@@ -69,6 +69,7 @@ def test_the_torch_loop_computes_what_the_reference_executor_computes(name: str)
         assert np.linalg.norm(loop() - expected) <= 2e-6 * np.linalg.norm(expected)  # as of the short form
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 @pytest.mark.parametrize("name", CHAINS)
 def test_a_frame_and_its_edits_are_timed(device: Device, name: str) -> None:
@@ -112,6 +113,7 @@ def chain_file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_the_command_prints_a_table_and_json(
     device: Device, chain_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -173,6 +175,7 @@ def test_time_to_quality_of_a_chain_reaches_its_goal() -> None:
     assert "32 x 24 samples" in text and "not padded" not in text
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_a_report_of_a_chain_holds_what_chains_have(
     device: Device, chain_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

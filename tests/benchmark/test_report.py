@@ -127,6 +127,7 @@ def test_ctrl_c_keeps_what_was_measured(
     assert sum(map(len, data["results"].values())) == 1
 
 
+@pytest.mark.long
 @gpu
 def test_what_fails_is_in_the_report_and_the_rest_is_measured(
     device: Device, report: Callable[..., tuple[int, str]], monkeypatch: pytest.MonkeyPatch
@@ -154,6 +155,7 @@ def test_a_strategy_that_the_search_refused_is_not_run(device: Device) -> None:
     assert [entry["refused"] for entry in run.data["results"][FRAMES]] == ["workgroup: gives wrong results"]
 
 
+@pytest.mark.long
 @gpu
 def test_torch_numpy_and_a_few_wheels_are_enough(device: Device) -> None:
     """The program below finds no other library, like a machine without a network that wheels were brought to."""

@@ -131,6 +131,7 @@ def test_gradients_are_what_differences_approach(captures: Captures, name: str) 
     assert float(slope) == pytest.approx((ahead - behind) / 2e-3, rel=1e-4)
 
 
+@pytest.mark.long
 def test_a_calibration_learns_tables_and_light_and_its_preset_shows_them(
     captures: Captures,
     file: Path,
@@ -264,6 +265,7 @@ def test_a_file_of_a_former_version_acts_on_its_two_spaces(captures: Captures, t
     assert torch.equal(*signals)
 
 
+@pytest.mark.long
 def test_the_space_before_the_third_element_is_learned() -> None:
     """An aberration between the second and the third of three elements: neither the first space nor the last one."""
     third = COARSE | {"name": "third"}

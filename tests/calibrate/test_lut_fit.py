@@ -62,6 +62,7 @@ def test_with_little_noise_the_table_follows_the_truth(stroke_pi: float, gamma: 
     assert high - low < 0.1
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     inside = 0
     for seed in range(8):
@@ -193,6 +194,7 @@ def test_a_sweep_that_was_cut_off_ends_there() -> None:
     assert table["phase_pi"][200] is None
 
 
+@pytest.mark.long
 def test_periods_share_a_table_and_each_has_its_own_full_power() -> None:
     """Fringing between bars raises the full power of fine gratings with the phase."""
     levels, _, phase = _table("1", 3.5, seed=0)
@@ -203,6 +205,7 @@ def test_periods_share_a_table_and_each_has_its_own_full_power() -> None:
     assert lut.stroke / np.pi == pytest.approx(3.5, abs=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("path", "is_said"), [(0.95, False), (1.05, True)])
 def test_wavelengths_share_a_table_and_one_dispersion(path: float, *, is_said: bool) -> None:
     """At 633 nm the phase is that at 532 nm times 532/633 and the ratio of the optical paths; a liquid crystal's is
@@ -223,6 +226,7 @@ def test_readings_that_no_phase_explains_give_no_table() -> None:
     assert not lut.explains
 
 
+@pytest.mark.long
 def test_nor_does_a_phase_that_turns_back() -> None:
     """By 0.6 rad over a fifth of the levels: a table that never falls leaves the more of it the steeper sin² is."""
     x = np.arange(256.0) / 255
@@ -231,6 +235,7 @@ def test_nor_does_a_phase_that_turns_back() -> None:
     assert not lut.explains
 
 
+@pytest.mark.long
 def test_an_unseen_change_of_the_full_power_is_said_with_its_effect() -> None:
     levels, power, _ = _table("1", 1.6, seed=16)
     lut = fit_lut(parse_sweep(_text(levels, power)))
@@ -242,6 +247,7 @@ def test_an_unseen_change_of_the_full_power_is_said_with_its_effect() -> None:
     assert fit_lut(parse_sweep(_text(levels, power))).unseen_shift is None
 
 
+@pytest.mark.long
 def test_a_vendors_table_is_read_written_and_compared(tmp_path: Path) -> None:
     levels, power, _ = _table("1", 2.7, seed=17)
     lut = fit_lut(parse_sweep(_text(levels, power)))
@@ -370,6 +376,7 @@ def _rows(
     return [(wavelength_m, period, order, level, power) for level, power in enumerate(powers)]
 
 
+@pytest.mark.long
 def test_one_table_holds_sweeps_of_periods_and_orders(tmp_path: Path) -> None:
     """The zero order holds light that isn't modulated, 0.2 of it late by 1 rad, which shifts its start phase."""
     _, _, phase = _table("1", 2.7, seed=0)
@@ -389,6 +396,7 @@ def test_one_table_holds_sweeps_of_periods_and_orders(tmp_path: Path) -> None:
     assert fitted.lut.fits[1].start == pytest.approx(np.pi + np.angle(0.5 + 0.2 * np.exp(1j)), abs=0.02)
 
 
+@pytest.mark.long
 def test_a_fine_grating_that_shares_no_table_with_a_coarse_one_is_left_out() -> None:
     """A third of its bars is edges, where the phase is three quarters."""
     _, _, phase = _table("1", 2.7, seed=0)
@@ -423,6 +431,7 @@ def test_bad_tables_of_sweeps_are_refused(text: str, said: str) -> None:
         parse_sweeps(text)
 
 
+@pytest.mark.long
 def test_a_drifting_laser_is_told_from_fringing() -> None:
     """The full power falls by 10 % in proportion to the level, not to the phase, which comes early. Of fewer
     than three full powers either explains the heights."""
@@ -435,6 +444,7 @@ def test_a_drifting_laser_is_told_from_fringing() -> None:
     assert any("did the laser drift?" in line for line in format_lut(lut))
 
 
+@pytest.mark.long
 def test_readings_of_a_saturated_detector_are_refused_and_rounded_ones_are_not() -> None:
     levels, power, _ = _table("1", 2.7, seed=23, pedestal=0.0)
     with pytest.raises(UserError, match=r"are all 0\.8, the greatest, with steep ends"):
@@ -451,6 +461,7 @@ def test_powers_whose_squares_are_no_numbers_are_refused() -> None:
             parse_sweep("".join(f"{a:g},{b * scale!r}\n" for a, b in zip(levels.tolist(), power.tolist(), strict=True)))
 
 
+@pytest.mark.long
 def test_a_table_is_verified_by_a_sweep_through_it() -> None:
     levels, power, phase = _table("1", 2.7, seed=25)
     lut = fit_lut(parse_sweep(_text(levels, power)))

@@ -55,6 +55,7 @@ def test_the_saturated_zero_order_and_what_is_masked_are_left_out() -> None:
     assert not prepare_captures(found.captures).usable[0][~kept].any()
 
 
+@pytest.mark.long
 def test_a_pattern_that_was_not_shown_is_refused() -> None:
     picture = photograph(spread_pattern(7, PATTERN), SMALL, seed=8)
     other = np.random.default_rng(9).integers(0, 256, PATTERN).astype(np.uint8)
@@ -74,6 +75,7 @@ def _shown(seeds: list[int], wrong: int | None = None, *, is_small: bool = False
     return [PictureAndPattern(a, b, f"seen{k}.png", f"mask{k}.png") for k, (a, b) in pairs]
 
 
+@pytest.mark.long
 def test_several_pictures_have_one_geometry() -> None:
     found = import_pictures(_shown([11, 12, 13]), focal_length_m=0.26, **KNOWN)
     captures = found.captures
@@ -88,12 +90,14 @@ def test_several_pictures_have_one_geometry() -> None:
     assert sheet.shape[0] > 3 * 300
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", [0, 2])
 def test_the_one_pattern_of_several_that_was_not_shown_is_named(wrong: int) -> None:
     with pytest.raises(UserError, match=rf"seen{wrong}\.png.*mask{wrong}\.png stands nowhere"):
         import_pictures(_shown([11, 12, 13], wrong), focal_length_m=0.25, **KNOWN)
 
 
+@pytest.mark.long
 def test_the_camera_is_estimated_where_nobody_states_it() -> None:
     """The bench has 8 electrons a count and a read noise of one count. 10⁵ pixels tell the gain to 7 % or so, as the
     estimate says itself; speckle that differs within windows adds up to a sixth (measured, 9 pictures)."""

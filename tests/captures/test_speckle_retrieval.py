@@ -33,6 +33,7 @@ def test_the_beam_that_resembles_a_light_is_that_light() -> None:
     assert found.overlap == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.long
 def test_light_is_retrieved_without_a_start() -> None:
     """Coma a·(3ρ³ − 2ρ)·cos is a/√8 r.m.s., which is Noll's z8. Nodes are 8.5 pixels apart, a fifth of the radius."""
     bench = FarField(radius=36.0)

@@ -125,6 +125,7 @@ def test_a_folder_of_pictures_becomes_the_same_session(holoview: Run, tmp_path: 
     assert (found.gap_m, found.slms) == (captures.gap_m, captures.slms)
 
 
+@pytest.mark.long
 def test_square_stops_are_measured_listed_and_imported(holoview: Run, tmp_path: Path) -> None:
     stops = ('relay1.square="first order"', 'relay2.square="first order at 550 nm"', "relay2.centre_na=[0, 0.002]")
     captures, folder = _make(holoview, "a.h5", *(word for stop in stops for word in ("--set", stop))), tmp_path / "b"
@@ -207,6 +208,7 @@ def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path) -> No
     assert hazy.min() > clear.min() + 100
 
 
+@pytest.mark.long
 def test_left_justified_pictures_are_imported_as_the_camera_counted(holoview: Run, tmp_path: Path) -> None:
     captures = _make(holoview, "a.h5")
     shifted = dataclasses.replace(captures, images=captures.images << np.uint16(4))
@@ -273,6 +275,7 @@ def test_pictures_and_patterns_become_captures_that_say_what_was_assumed(holovie
     assert holoview("captures", "show", "c.h5", "-o", "sheet.png").code == 0
 
 
+@pytest.mark.long
 def test_pairs_in_a_table_and_lengths_of_slmsuite_do_too(holoview: Run) -> None:
     _far_field_files([31])
     Path("pairs.csv").write_text("image,slm1,exposure\nseen31.png,mask31.png,0.02\n", encoding="utf-8")

@@ -177,6 +177,7 @@ def test_its_report_needs_no_other_file(diagnosed: Diagnosed) -> None:
             assert min(picture.size) > 100
 
 
+@pytest.mark.long
 def test_a_preset_with_the_fault_leaves_nothing_to_explain(diagnosed: Diagnosed, holoview: Run) -> None:
     outcome = holoview("diagnose", diagnosed.folder / "c.h5", "--preset", diagnosed.folder / "p.toml", "--workers", 1)
     assert outcome.code == 0 and ": consistent" in outcome.out
@@ -322,6 +323,7 @@ def test_an_own_effect_with_a_bug_is_named(
     assert words in _refused(holoview, tmp_path, file, "--effects", "haze.py")
 
 
+@pytest.mark.long
 def test_an_own_effect_may_be_the_cause_and_its_file_is_said_to_be_run(
     holoview: Run, tmp_path: Path, own: Callable[[str], Path]
 ) -> None:

@@ -37,6 +37,7 @@ def test_options_that_contradict_each_other(
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
+@pytest.mark.long
 def test_a_budget_ends_it_with_a_diagnosis_and_the_captures(holoview: Run, tmp_path: Path) -> None:
     write_rig(tmp_path, {})
     arguments = ("--rig", "rig.toml", "-o", "c.h5", "--json", "d.json", "--workers", 1)
@@ -52,6 +53,7 @@ def test_a_budget_ends_it_with_a_diagnosis_and_the_captures(holoview: Run, tmp_p
     assert not (tmp_path / "c.h5.captures").exists()
 
 
+@pytest.mark.long
 def test_what_is_known_counts_for_captures_that_are_taken(holoview: Run, tmp_path: Path) -> None:
     write_rig(tmp_path, {"gap": {"gap_error": 2e-4}})
     arguments = ("--rig", "rig.toml", "--captures", 2, "--json", "d.json", "--workers", 1)
@@ -60,6 +62,7 @@ def test_what_is_known_counts_for_captures_that_are_taken(holoview: Run, tmp_pat
     assert json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))["known"]["gap"]["gap_error"] == 2e-4
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_ctrl_c_keeps_the_captures_and_says_what_is_known(interrupted: Run, tmp_path: Path) -> None:
     write_rig(tmp_path, {})

@@ -330,6 +330,7 @@ def _likeness(path: str, picture: NDArray[Any]) -> float:
     return float(np.corrcoef(*blocks)[0, 1])
 
 
+@pytest.mark.long
 def test_of_phases_without_a_distance_the_far_field_or_the_focus_is_shown_and_said(holoview: Run) -> None:
     rng = np.random.default_rng(70)
     picture = np.zeros((128, 128))
@@ -366,6 +367,7 @@ def _tilted(turns: float) -> NDArray[np.complex64]:
     return beam.astype(np.complex64)
 
 
+@pytest.mark.long
 def test_render_and_info_say_how_much_of_the_light_is_in_the_picture(holoview: Run) -> None:
     np.save("tilted.npy", _tilted(0.2))
     where = (*KNOWN, "--distance", "4cm", "--propagation", "asm")
@@ -401,6 +403,7 @@ def test_a_window_can_be_asked_for(holoview: Run) -> None:
     assert refused.code == 2 and "--window-size" in refused.err
 
 
+@pytest.mark.long
 def test_render_says_what_it_guessed_as_info_does(holoview: Run) -> None:
     """A black and white picture, whose two values are guessed to be those of a bilevel hologram."""
     slit = np.zeros((64, 64), np.uint8)

@@ -98,6 +98,7 @@ def test_the_object_of_an_in_line_recording_is_told_with_its_place(
     assert np.hypot(*first["centre_m"]) < 80 * PITCH_M
 
 
+@pytest.mark.long
 def test_much_structure_without_a_focus_is_said_with_its_share(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

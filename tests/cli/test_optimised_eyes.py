@@ -64,6 +64,7 @@ def test_chromatic_aberration_is_ignored_in_the_optimisation_and_seen_in_the_sco
     assert found["psnr_db"] == pytest.approx(psnr_linear_srgb(view.rgb, target).mean_db, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_folder_of_views_and_views_of_a_picture_are_targets(holoview: Run, tmp_path: Path) -> None:
     (tmp_path / "views").mkdir()
     for number in range(9):

@@ -114,6 +114,7 @@ def test_other_samples_than_the_models_blame_no_capture(tmp_path: Path) -> None:
     assert _reasons(found) == {3: "exchanged with 9", 9: "exchanged with 3"}
 
 
+@pytest.mark.long
 def test_with_too_many_bad_captures_nothing_is_cleared(tmp_path: Path) -> None:
     """Three of twelve."""
     found = _diagnosed(_session(tmp_path, Mishaps(dark=(0, 5, 7)), Faults()))

@@ -161,6 +161,7 @@ def _budget(fields: int) -> SearchConfig:
     return SearchConfig(budget=BudgetConfig(max_fields=fields))
 
 
+@pytest.mark.long
 def test_a_search_that_was_ended_says_so() -> None:
     captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=4, seed=1))
     effects = [listed_effects()[name] for name in TWO]
@@ -179,6 +180,7 @@ def _without_seconds(value: Any) -> Any:
     return [_without_seconds(part) for part in value] if isinstance(value, list | tuple) else value
 
 
+@pytest.mark.long
 def test_the_end_does_not_depend_on_workers() -> None:
     captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=4, seed=2))
     effects = [listed_effects()[name] for name in FEW]

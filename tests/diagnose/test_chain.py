@@ -68,6 +68,7 @@ def test_a_stuck_part_of_a_modulator_of_a_chain_is_named_with_its_place_and_leve
     assert f" of {fault.effect.split('@')[1]} is stuck at " in cause.sentence
 
 
+@pytest.mark.long
 def test_fringes_over_a_modulator_of_a_chain_are_named() -> None:
     values = {"path_y": 2.2e-6, "path_x": -3.1e-6, "cos1": 0.05, "sin1": -0.03, "cos2": 0.04, "sin2": 0.02}
     settings = AcquisitionSettings(captures_per_condition=4, seed=int(np.random.default_rng(13).integers(1 << 16)))

@@ -16,6 +16,7 @@ from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 
 
+@pytest.mark.long
 def test_an_extended_source_is_tried_in_place_of_the_blur_that_imitates_it(make_context: MakeContext) -> None:
     """Beside the right distance, a blur of the camera leaves several times as much. The budget was spent just then."""
     distance = {"distance_error": -2.5e-4}
@@ -42,6 +43,7 @@ def test_it_is_tried_in_place_of_a_lone_blur_but_not_of_another_costly_effect(ma
     assert with_costly_in_place(context, rank_on_held_out(context, [line]), effects) == []
 
 
+@pytest.mark.long
 def test_an_extended_source_is_found_beside_a_true_blur(make_context: MakeContext) -> None:
     """Either alone is fitted too large, the best first; beside the blur alone nothing is left for the source."""
     hidden = {"camera_blur": {"sigma": 1.6}, "source_extent": {"radius": 1.8e-3}}

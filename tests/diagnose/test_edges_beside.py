@@ -31,6 +31,7 @@ def _assert_found(values: Mapping[str, float]) -> None:
     assert values["radius_error"] + values["decentre_x"] == pytest.approx(edge, abs=0.01)
 
 
+@pytest.mark.long
 def test_both_radius_and_shift_are_scanned(make_context: MakeContext) -> None:
     context = make_context(TRUTH)
     found = fit_over_range(context, {"tilt": TILT}, context.effects["iris1"], [])

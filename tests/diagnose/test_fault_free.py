@@ -144,6 +144,7 @@ MISHAPS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mishap", explored(MISHAPS, [MISHAPS[n] for n in (0, 2, 4, 5)]))
 def test_bad_captures_of_a_fourier_bench_are_found(
     mishap: tuple[FourierLaboratory, dict[int, str]], tmp_path: Path

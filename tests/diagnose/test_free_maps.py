@@ -151,6 +151,7 @@ def test_maps_end_with_their_time_each_after_a_step() -> None:
     assert not any(fit.was_ended for fit in fit_free_maps(context, {}, held_out))
 
 
+@pytest.mark.long
 def test_the_place_in_a_chain_of_what_no_effect_describes_is_told() -> None:
     """A fault of an element, while none of its effects may be named."""
     hidden = {"amplitude_gamma@coarse": {"gamma": 1.6}}

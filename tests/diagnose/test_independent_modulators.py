@@ -80,6 +80,7 @@ NAMES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_a_moderate_fault_is_named_and_measured_beside_its_look_alikes(tmp_path: Path, name: str) -> None:
     faults, values = MODERATE[name]

@@ -84,6 +84,7 @@ def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
     assert found.causes[0].sentence == "The gap is 1.11 mm, not 1.08 mm."
 
 
+@pytest.mark.long
 def test_a_correction_that_takes_too_long_is_told() -> None:
     captures = _measured({}, ERRORS, each=2)
     assert _diagnosed(captures, ("stroke",), time_s=0.0).known == KNOWN

@@ -46,6 +46,7 @@ def _with_even_noise(context: SearchContext) -> SearchContext:
     )
 
 
+@pytest.mark.long
 def test_a_narrow_valley_is_followed_to_its_end(make_context: MakeContext) -> None:
     """More blur across the pixels' edges and less coupling are nearly the same."""
     context = _with_even_noise(make_context({"crosstalk": TRUE}))

@@ -18,6 +18,7 @@ HALF_WIDTHS = 3.0  # of the 95 % interval: 5.9 standard deviations
 HIDDEN = [{"twisted_nematic": {"slope": 0.2, "bow": -0.1}}, *({"fringing": {"width_x": x}} for x in (0.4, -0.4))]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hidden", explored(HIDDEN, 1))
 def test_it_is_named_with_its_sign(hidden: dict[str, dict[str, float]]) -> None:
     captures = make_captures(small_system(), hidden, AcquisitionSettings(captures_per_condition=4, seed=3))

@@ -49,6 +49,7 @@ def _nominal(kind: str, lines: int, shape: tuple[int, int] = (48, 64)) -> Drawn:
     return replace(drawn, bench=bench, pictures=2, wavelengths_m=(wavelength_m, wavelength_m + 60e-9)[:lines])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bench", explored(["near, two lines", "near", "near-two"], 1))
 def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_pictures(bench: str, tmp_path: Path) -> None:
     """Strokes are told by pictures of several grains to some hundredths; the radius by where the light ends."""
@@ -84,6 +85,7 @@ def _large(pictures: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Capt
     return _captures(replace(drawn, bench=spoilt), folder)
 
 
+@pytest.mark.long
 def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,6 +99,7 @@ def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.05)
 
 
+@pytest.mark.long
 def test_large_modulators_without_room_for_parts_are_not_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,6 +113,7 @@ def test_large_modulators_without_room_for_parts_are_not_searched(
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pictures", [1, 2])
 def test_light_in_parts_is_fitted_there_and_judged_in_whole_pictures(
     pictures: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -124,6 +128,7 @@ def test_light_in_parts_is_fitted_there_and_judged_in_whole_pictures(
     assert 128 / named["beam"]["size"].value == pytest.approx(70.0, rel=0.03)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stray", [0.0, 12.0])
 def test_brightness_tells_stray_light_beside_a_beam(stray: float, tmp_path: Path) -> None:
     """Speckle hardly does: local contrasts are divided by their spread. To a tenth, as the beam's edge is blurred."""
@@ -137,6 +142,7 @@ def test_brightness_tells_stray_light_beside_a_beam(stray: float, tmp_path: Path
     assert found == pytest.approx(stray, rel=0.1) if stray else found == 0.0
 
 
+@pytest.mark.long
 def test_pictures_in_several_planes_have_one_light(tmp_path: Path) -> None:
     """It is sought in the plane of the brightest picture, and stands in the others too."""
     drawn = _nominal("near", 1, (96, 128))
@@ -162,6 +168,7 @@ def test_pictures_in_several_planes_have_one_light(tmp_path: Path) -> None:
         assert np.corrcoef(seen.ravel(), expected.ravel())[0, 1] > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gap_factor", explored([0.9, 1.0, 1.15], 1))
 def test_a_second_modulator_out_of_its_place_is_found_beside_a_beam_and_a_wrong_stroke(
     gap_factor: float, tmp_path: Path
@@ -187,6 +194,7 @@ def test_a_second_modulator_out_of_its_place_is_found_beside_a_beam_and_a_wrong_
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(1.3, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> None:
     """Between its kicks: all parts are handed on, as nothing has judged them; earlier there is nothing to keep."""
     drawn = _nominal("near", 1)
@@ -209,6 +217,7 @@ def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> N
         light_by_speckle(window, end_at(3), untold)
 
 
+@pytest.mark.long
 def test_a_cause_that_is_no_candidate_is_not_sought(tmp_path: Path) -> None:
     """The search varies all of its causes together, so that none of them may be left out."""
     drawn = _nominal("near-two", 1)
@@ -225,6 +234,7 @@ def test_a_near_field_without_faults_needs_no_such_search(tmp_path: Path) -> Non
     assert window_for_light(captures, list(listed_effects())) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", explored(["near", "near-two"], 1))
 def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) -> None:
     """Whatever the stroke and the wavefront are, which move light by less than the cells of 16 pixels."""

@@ -108,6 +108,7 @@ def test_parts_lie_beneath_a_beam_side_by_side_within_the_pictures(radius: float
         assert parts.captures[0].centre_m[1] == pytest.approx(centre[1] * 65 * pitch_m, abs=pitch_m)
 
 
+@pytest.mark.long
 def test_a_cause_that_grows_outwards_is_found_in_parts() -> None:
     """The fit that a middle finds leaves what only the corners show."""
     whole = _large()

@@ -49,6 +49,7 @@ def _check(found: Diagnosis, missed_m: tuple[float, ...], planes_m: tuple[float,
         assert abs(interval.value - error) <= FAIL_AT * interval.half_width, (number, interval)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "missed_m", explored([(1e-4, -2e-4, 1.5e-4, 5e-5), (0.0, 0.0, 3e-4, 0.0)], 1), ids=["every plane", "one plane"]
 )

@@ -66,6 +66,7 @@ def _diagnose(captures: Captures) -> Diagnosis:
     return diagnose(captures, EFFECTS, free_maps=False, config=CONFIG)
 
 
+@pytest.mark.long
 def test_a_cause_of_the_middle_is_fitted_to_whole_pictures() -> None:
     captures = _session("gap", "gap_error", 1e-4)
     found = _diagnose(captures)
@@ -109,6 +110,7 @@ def _diagnose_far(captures: Captures, config: SearchConfig) -> Diagnosis:
     return diagnose(captures, FAR_EFFECTS, free_maps=False, config=config)
 
 
+@pytest.mark.long
 def test_the_middle_of_a_far_field_names_what_whole_pictures_do() -> None:
     captures = _far_session("stroke", "stroke_error", 0.08)
     by_middle, by_whole = (_diagnose_far(captures, config) for config in (FAR_CONFIG, SearchConfig()))
@@ -206,6 +208,7 @@ def test_a_middle_takes_a_part_of_the_time(make_far_context: Callable[[float], S
     assert not middle.end.is_near and SearchEnd(-1.0).after_share(0.5).is_near
 
 
+@pytest.mark.long
 def test_a_search_that_ends_in_whole_pictures_leaves_no_dead_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look-alikes are computed in the middle afterwards."""
 

@@ -49,6 +49,7 @@ def _found(context: SearchContext, truth: EffectValues) -> SearchResult:
 ALIKE = ("ambient", "camera_alignment", "camera_black", "camera_gamma", "gap", "slm_alignment", "stroke")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("names", explored([ALIKE, tuple(listed_effects())], [ALIKE]), ids=["few", "all"])
 def test_a_black_level_at_one_exposure_may_be_light_of_the_room(names: tuple[str, ...]) -> None:
     """Light of the room has more noise: by χ² alone it explained the captures better than the truth, χ²/n 0.6."""

@@ -148,6 +148,7 @@ def test_first_predictions_set_the_pace(make_context: MakeContext, monkeypatch: 
     assert context.pace.first == pytest.approx(0.125)
 
 
+@pytest.mark.long
 def test_the_work_is_told_before_the_search_and_changes_nothing() -> None:
     told = list[str]()
 

@@ -69,6 +69,7 @@ def test_pictures_that_another_pattern_made_have_no_such_light() -> None:
     assert window is not None and light_by_speckle(window, no_progress, lambda text: None) is None
 
 
+@pytest.mark.long
 def test_a_bench_that_is_right_needs_no_such_search() -> None:
     """Even light that fills the modulator, a full turn: the speckle stands; errors of estimates leave the rest."""
     captures = _captures(FarField(radius=1e3, coma=0.0, defocus=0.0, stroke=1.0), 40)
@@ -78,6 +79,7 @@ def test_a_bench_that_is_right_needs_no_such_search() -> None:
     assert not found.causes and not any("sought by speckle" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_a_search_that_is_asked_to_end_says_so() -> None:
     """The second question is answered with yes, long before the light is found."""
     asked = iter([False])

@@ -50,6 +50,7 @@ def _check(found: Diagnosis, effect: str, places: dict[str, tuple[int, ...]], le
         assert abs(interval.value - true) <= FAIL_AT * interval.half_width, (name, true, interval)
 
 
+@pytest.mark.long
 def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_alikes(tmp_path: Path) -> None:
     faults = Faults(modulators=ModulatorFaults(dead=(_columns((12, 4.5), (30, 11.0)), ())))
     found = _diagnosed(tmp_path, faults, {"each": 4, "seed": 1}, ALIKE)

@@ -92,6 +92,7 @@ def test_the_start_is_what_is_stuck_at_the_level_that_it_shows(
     assert starts(context.effects[other]) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "faults", explored([{"gap": {"gap_error": 2e-4}}, {}, {"stroke": {"stroke_error": 0.1}}], 1), ids=str
 )
@@ -211,6 +212,7 @@ def _chain(*elements: dict[str, Any]) -> System:
     return System(["450 nm", "600 nm"], [[1.0, 1.0]], elements=[*elements, LAST], planes_m=["3 mm"], observer="mono")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", [STOPPED, LENS], ids=["behind a space", "in the Fourier plane"])
 @pytest.mark.parametrize("name", ["phase", "filter"])
 @pytest.mark.parametrize("changes", [True, False])

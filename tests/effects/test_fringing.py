@@ -83,6 +83,7 @@ def test_the_other_order_gains_what_this_one_loses() -> None:
     assert turned == pytest.approx(minus[0], rel=1e-9)
 
 
+@pytest.mark.long
 def test_an_equal_path_stays_equal_and_gradients_flow() -> None:
     at, effect = ModulatorContext(1, 520e-9, 780e-9, 8e-6, (6, 8), 2), get_effect("fringing")
     v = effect.parameter_values({"width_y": 0.7, "width_x": -2.0})

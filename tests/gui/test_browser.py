@@ -64,6 +64,7 @@ def test_without_the_token_there_is_no_page(device: Device, tmp_path: Path, brow
         assert [problem for problem in browser.close_pages() if "403" not in problem] == []
 
 
+@pytest.mark.long
 def test_the_image_fills_the_page_and_follows_its_size(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving_to(browser, tmp_path, "--new") as served:
         page = browser.open(served.url, 1000, 640)
@@ -147,6 +148,7 @@ def test_a_viewer_that_died_is_missed(device: Device, tmp_path: Path, browser: B
         assert all("WebSocket" in problem for problem in browser.close_pages())
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
 def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: Path, browser: Browser) -> None:
     with serving_to(browser, tmp_path, "--new") as served:

@@ -16,7 +16,7 @@ from tests.gui.served import Served, serving
 from tests.gui.test_browser import wait_for_sizes
 from tests.patience import wait_until
 
-pytestmark = [pytest.mark.gpu, needs_chromium]
+pytestmark = [pytest.mark.gpu, pytest.mark.long, needs_chromium]
 SIZE = (900, 700)
 
 
@@ -108,7 +108,6 @@ def test_a_key_that_is_released_elsewhere_is_released(page: Any, served: Served)
     wait_until(lambda: served.looks() == ["Page"])
 
 
-@pytest.mark.explores
 def test_a_drag_moves_the_image_by_as_many_pixels(
     page: Any, served: Served, make_gui: Callable[..., Gui], tmp_path: Path
 ) -> None:

@@ -61,6 +61,7 @@ def test_it_ends_when_the_window_is_closed_while_a_library_works(tmp_path: Path)
     assert (tmp_path / "saved").exists() and not (tmp_path / "went on").exists()
 
 
+@pytest.mark.long
 def test_it_goes_on_where_the_work_cant_be_saved_so(tmp_path: Path) -> None:
     assert _interrupted(tmp_path, signal.SIGINT, saves=False) == 7
     assert (tmp_path / "saved").exists() and (tmp_path / "went on").exists()

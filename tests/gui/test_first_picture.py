@@ -123,6 +123,7 @@ def test_a_frame_is_awaited_after_each_new_image(gui: Gui) -> None:
     assert not gui.app.awaits_frame
 
 
+@pytest.mark.long
 def test_the_viewer_shows_an_image_without_the_libraries_that_load_slowly(device: Device, tmp_path: Path) -> None:
     program = (
         "import sys; from holoview.commands.cli import main; "

@@ -240,6 +240,7 @@ def test_the_manual_names_every_key(gui: Gui) -> None:
 # --- the command ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_script_draws_off_screen_and_writes_what_is_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script, picture = tmp_path / "script.txt", tmp_path / "out.png"
     script.write_text(

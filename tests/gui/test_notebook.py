@@ -14,6 +14,7 @@ from tests.gui.notebook_session import SYSTEM
 from tests.patience import PATIENCE_S
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_frames_are_sent_and_an_edit_by_code_is_seen(device: Device) -> None:
     command = [sys.executable, "-W", "error", "-X", "faulthandler", "-m", "tests.gui.notebook_session"]

@@ -77,6 +77,7 @@ def rig_gui(make_gui: Callable[..., Gui], tmp_path: Path, monkeypatch: pytest.Mo
     bench.fails.clear()
 
 
+@pytest.mark.long
 def test_the_camera_of_a_virtual_bench_is_shown_beside_its_prediction(
     make_gui: Callable[..., Gui], tmp_path: Path
 ) -> None:
@@ -97,6 +98,7 @@ def test_the_camera_of_a_virtual_bench_is_shown_beside_its_prediction(
     assert pixels[pixels.shape[0] // 2].mean() > 150  # differences of noise alone are pale
 
 
+@pytest.mark.long
 def test_a_chains_rig_takes_the_documents_patterns_once_its_bench_is_taken(
     make_gui: Callable[..., Gui], tmp_path: Path
 ) -> None:

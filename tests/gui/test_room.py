@@ -46,6 +46,7 @@ def test_nothing_is_cut_off_in_a_small_window(make_gui: Callable[..., Gui], size
     assert cut == []
 
 
+@pytest.mark.long
 def test_labels_are_seen_whole_in_text_of_twice_the_size(make_gui: Callable[..., Gui]) -> None:
     """Values may be shortened there; tabs that have no room scroll."""
     gui = make_gui(small_bench(frames=3), size=(1280, 800))
@@ -142,6 +143,7 @@ def tight(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1.0, 2.0])
 def test_texts_of_buttons_have_room(make_gui: Callable[..., Gui], tight: list[str], size: float) -> None:
     gui = make_gui(small_bench(frames=3), size=(1280, 800))

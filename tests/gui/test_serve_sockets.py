@@ -187,6 +187,7 @@ def test_a_page_that_answers_no_ping_is_dropped_and_its_place_is_free() -> None:
             assert page.recv(PATIENCE_S) == "hello"
 
 
+@pytest.mark.long
 def test_a_page_that_nobody_uses_is_closed_and_one_in_use_is_not() -> None:
     with running(ServeOptions(idle_min=3 / 60)) as server, server.websocket() as used, server.websocket() as idle:
         idle.send('{"type": "_framefeedback"}')  # pages send these by themselves

@@ -177,6 +177,7 @@ def test_a_single_frame_is_a_plain_png(tmp_path: Path) -> None:
         assert not image.is_animated and np.array_equal(np.asarray(image), FRAMES[0])
 
 
+@pytest.mark.long
 def test_a_gif_and_an_mp4_are_shown_as_long(tmp_path: Path) -> None:
     for suffix in (".gif", ".mp4"):
         open_encoder(tmp_path / f"a{suffix}", 5, 2.0)(FRAMES, {})

@@ -57,6 +57,7 @@ def test_lasers_of_unequal_powers_count_as_fewer() -> None:
     assert [laser.name for laser in found.lasers] == ["450 nm", "540 nm", "640 nm"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_structured", [False, True])
 @pytest.mark.parametrize("shared", [0.0, 0.6])
 def test_the_errors_of_n_eff_are_its_scatter(shared: float, is_structured: bool) -> None:

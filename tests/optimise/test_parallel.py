@@ -164,6 +164,7 @@ def test_alone_nothing_changes() -> None:
     assert not SINGLE_PROCESS.any_rank(False)
 
 
+@pytest.mark.long
 def test_the_command_shares_the_lasers_and_writes_one_file(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "holoview"]
     picture = tmp_path / "grey.png"

@@ -183,6 +183,7 @@ _TABLE = """async label => {
 }"""
 
 
+@pytest.mark.long
 @needs_chromium
 def test_another_strategy_a_quick_image_and_fields_that_are_not_kept_show_the_same(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -294,6 +295,7 @@ def test_with_effects_on_elements_planes_and_lasers_are_the_nominal_ones(browser
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_space_is_dragged_and_typed_in_the_drawing_and_is_in_the_link(browser: Browser, tmp_path: Path) -> None:
     """A drag of 30 of 300 pixels is a tenth of its range, three times its length."""
@@ -323,6 +325,7 @@ def test_a_space_is_dragged_and_typed_in_the_drawing_and_is_in_the_link(browser:
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_chain_beside_its_field_and_a_target_makes_claims_that_the_page_computes(
     browser: Browser, tmp_path: Path

@@ -135,6 +135,7 @@ def test_the_page_shows_what_render_shows(browser: Browser, written: Written) ->
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_an_eye_sees_on_the_page_what_it_sees_in_render(browser: Browser, written: Written) -> None:
     system = written.eye.system
@@ -150,6 +151,7 @@ def test_an_eye_sees_on_the_page_what_it_sees_in_render(browser: Browser, writte
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.parametrize("eye", [None, EYE], ids=["no eye", "an eye"])
 def test_with_effects_planes_gaps_and_lasers_are_the_nominal_ones(
@@ -181,6 +183,7 @@ def test_with_effects_planes_gaps_and_lasers_are_the_nominal_ones(
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_the_page_measures_what_the_metrics_measure(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page)
@@ -208,6 +211,7 @@ def test_the_page_measures_what_the_metrics_measure(browser: Browser, written: W
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_contrast_is_withheld_where_the_target_is_not_shown(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.folder / "other.html")
@@ -293,6 +297,7 @@ def hv_srgb(linear: np.ndarray) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_link_holds_the_state(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page, "#plane=9.7mm&laser3=off&power1=0.5")
@@ -309,6 +314,7 @@ def test_a_link_holds_the_state(browser: Browser, written: Written) -> None:
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_state_that_cannot_be_gets_a_sentence(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page)
@@ -325,6 +331,7 @@ def test_a_state_that_cannot_be_gets_a_sentence(browser: Browser, written: Writt
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.parametrize(
     ("link", "says"),
@@ -358,6 +365,7 @@ def test_a_link_that_cannot_be_followed_says_so(browser: Browser, written: Writt
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_the_measured_region_is_in_the_link(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page, "#region=10,20,40,30")
@@ -370,6 +378,7 @@ def test_the_measured_region_is_in_the_link(browser: Browser, written: Written) 
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_what_is_measured_prints_and_keys_stay(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page, "#plane=9.7mm&laser3=off&power1=0.5&region=10,20,40,30")
@@ -409,6 +418,7 @@ def test_without_webgpu_all_holograms_are_seen_and_nothing_is_said_to_be_compute
         assert plain.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.parametrize(
     "size", [(390, 800), (320, 640), (740, 360)], ids=["phone", "small phone", "phone on its side"]
@@ -434,6 +444,7 @@ def test_controls_are_large_enough_for_fingers(size: tuple[int, int], browser: B
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_lasers_are_told_apart_without_their_colours(browser: Browser, written: Written) -> None:
     """A number in each swatch, readable on its colour (WCAG 1.4.3), and the same numbers in the spectrum."""
@@ -487,6 +498,7 @@ def test_a_browser_that_knows_nothing_of_webgpu_shows_pictures(browser: Browser,
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_page_needs_no_network(browser: Browser, written: Written) -> None:
     page = browser.open("about:blank", 900, 800)
@@ -509,6 +521,7 @@ def test_nothing_is_wider_than_the_page_and_nothing_is_loaded(browser: Browser, 
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_the_canvas_shows_the_image_the_target_and_a_wipe(browser: Browser, written: Written, tmp_path: Path) -> None:
     page = open_page(browser, written.page)
@@ -524,6 +537,7 @@ def test_the_canvas_shows_the_image_the_target_and_a_wipe(browser: Browser, writ
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_hologram_of_other_wavelengths_has_lasers_of_its_own(
     browser: Browser, written: Written, tmp_path: Path
@@ -545,6 +559,7 @@ def test_a_hologram_of_other_wavelengths_has_lasers_of_its_own(
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_quick_image_says_so_and_the_exact_one_follows(
     browser: Browser, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -571,6 +586,7 @@ def test_a_quick_image_says_so_and_the_exact_one_follows(
 _QUICK_PIXELS = "async () => [...await window.holoview.viewer.holograms[0].quick.rgba(PAGE.xyz_to_srgb, 0)]"
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_wide_screen_is_shown_display_p3(browser: Browser, written: Written) -> None:
     with browser.another(*WEBGPU, "--force-color-profile=display-p3-d65") as wide:
@@ -591,6 +607,7 @@ _CANVAS = """() => {
 }"""
 
 
+@pytest.mark.long
 @needs_chromium
 def test_the_drawing_shows_and_changes_the_numbers_of_the_state(browser: Browser, written: Written) -> None:
     """A drag of 30 of 300 pixels is a tenth of the range, an arrow a hundredth; and a length is typed."""
@@ -623,6 +640,7 @@ def test_the_drawing_shows_and_changes_the_numbers_of_the_state(browser: Browser
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_what_the_drawing_cannot_change_is_said(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.eye_page)
@@ -646,6 +664,7 @@ def test_what_the_drawing_cannot_change_is_said(browser: Browser, written: Writt
     assert message.inner_text() != "" and browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_dragging_measures_a_region_and_pointing_tells_values(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page)
@@ -692,6 +711,7 @@ def _edited(text: str, edit: Any) -> str:
     return text[: found.start(2)] + json.dumps(page).replace("<", "\\u003c") + text[found.end(2) :]
 
 
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.parametrize(
     ("old", "new"),
@@ -782,6 +802,7 @@ def test_a_page_of_a_field_begins_with_the_exposure_that_render_chooses(tmp_path
     assert stops < -2 and json.loads(data[1])["exposure"] == round(stops, 1)
 
 
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.parametrize("size", [(390, 844), (718, 700), (1600, 500)])
 def test_the_image_fills_its_frame_so_that_a_print_distorts_nothing(
@@ -798,6 +819,7 @@ def test_the_image_fills_its_frame_so_that_a_print_distorts_nothing(
         assert abs(box[0] - box[1] * columns / rows) <= 1, (media, box)
 
 
+@pytest.mark.long
 @needs_chromium
 def test_no_dark_line_stands_beside_the_image_whatever_the_width(
     browser: Browser, written: Written, tmp_path: Path
@@ -817,6 +839,7 @@ def test_no_dark_line_stands_beside_the_image_whatever_the_width(
             assert shown[rows].min() > 240, (width, shift)
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_drawing_that_is_cut_says_that_it_scrolls_and_is_whole_in_print(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.eye_page, "", 390, 800)

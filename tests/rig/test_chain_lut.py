@@ -50,6 +50,7 @@ def _phase_error(lut: FittedLut) -> float:
     return float(np.sqrt(np.mean((lut.phase - true) ** 2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "elements",
     [(WIDE, SPACE, FINE), (FINE, SPACE, WIDE), (WIDE, FOURIER[0], FINE | {"shape": [32, 32]}, FOURIER[1])],
@@ -113,6 +114,7 @@ def test_the_levels_of_a_table_rise_as_a_preset_takes_them() -> None:
     np.testing.assert_array_equal(chain.elements[2].levels, found.shares)  # type: ignore[attr-defined]
 
 
+@pytest.mark.long
 def test_the_command_writes_what_a_preset_takes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -73,6 +73,7 @@ def test_a_description_tells_each_element_by_its_name(tmp_path: Path) -> None:
     assert not drawn[1, 12:].any() and not drawn[1, :, 16:].any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "chain", "said"),
     [
@@ -113,6 +114,7 @@ def test_a_chain_that_captures_cannot_hold_is_refused(
         read_rig(path)
 
 
+@pytest.mark.long
 def test_captures_of_a_chain_are_measured_and_what_is_hidden_explains_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -180,6 +182,7 @@ def test_a_modulator_that_has_not_settled_shows_the_pattern_before(tmp_path: Pat
     assert _left(capture, settling) == pytest.approx(1.0, abs=5 * (2 / 3072) ** 0.5)
 
 
+@pytest.mark.long
 def test_commands_of_a_rig_tell_its_elements(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -200,6 +203,7 @@ def test_commands_of_a_rig_tell_its_elements(
     assert all(float(written.devices[name].options["settle"]) < 0.2 for name in written.modulator_names)
 
 
+@pytest.mark.long
 def test_settling_that_is_measured_stands_in_the_record_by_the_elements_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -213,6 +217,7 @@ def test_settling_that_is_measured_stands_in_the_record_by_the_elements_names(
     assert found.constant_s == pytest.approx(0.02, abs=max(5 * found.deviation_s, 1e-4))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", [{"scale": 1.25}, {"range": "clipped"}, {"bits": 6}])
 def test_a_wrong_signal_of_an_element_is_found(tmp_path: Path, fault: dict[str, Any]) -> None:
     rig = read_rig(write_chain_rig(tmp_path, {"virtual": {"seed": 3, "signal": fault}}))

@@ -57,6 +57,7 @@ def _log(folder: Path) -> list[str]:
     return (folder / "lasers.txt").read_text(encoding="utf-8").split()
 
 
+@pytest.mark.long
 def test_lasers_of_a_program_that_is_killed_go_off(tmp_path: Path) -> None:
     with _started(tmp_path) as process:
         assert _log(tmp_path)[-1] == "on"
@@ -66,6 +67,7 @@ def test_lasers_of_a_program_that_is_killed_go_off(tmp_path: Path) -> None:
     assert said.endswith("lasers: switched off, since the program that used them is gone\n")
 
 
+@pytest.mark.long
 def test_a_program_that_switches_them_off_needs_no_guard(tmp_path: Path) -> None:
     with _started(tmp_path) as process:
         _, said = process.communicate("\n", timeout=PATIENCE_S)

@@ -92,6 +92,7 @@ def _watched(rig: RigDescription, last: int = 10**9) -> tuple[Devices, Watched]:
     return Devices(devices.modulators, camera, devices.lasers, devices.stage, devices.clock), camera
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("bench", "order"), [(NEAR, "interferometer"), (FOURIER, "0")], ids=["near", "Fourier"])
 def test_the_table_is_the_modulators(bench: dict[str, Any], order: str, make_rig: MakeRig, tmp_path: Path) -> None:
     """A camera that is turned and displaced, lasers that drift by 30 % an hour, light that isn't modulated, 450 and 638

@@ -96,6 +96,7 @@ def test_what_cannot_be_checked_is_said(make_rig: MakeRig, tmp_path: Path) -> No
             assert check.merged is None and (check.faults or "bits aren't checked" in check.notes[0])
 
 
+@pytest.mark.long
 def test_rig_test_says_it_and_ends_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = str(write_rig(tmp_path / "rig.toml", LARGE | {"virtual": {"signal": {"scale": 1.25}}}))
     assert main(["rig", "test", path]) == 1

@@ -65,6 +65,7 @@ def _resources_there(resources: dict[str, runner.WorkerResources]) -> runner.Wor
     return runner.resources_of_worker(resources)
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_loses_nothing(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
 ) -> None:

@@ -151,6 +151,7 @@ def test_a_withheld_contrast_has_no_verdict(folder: Path, tmp_path: Path) -> Non
     assert "the contrast is withheld" in page and html.unescape(page).count(two["withheld"]) == 1
 
 
+@pytest.mark.long
 def test_the_page_loads_nothing(folder: Path, tmp_path: Path) -> None:
     assert cli.main(["report", str(folder / "one.safetensors"), "-o", str(tmp_path / "plain.html")]) == 0
     text = (tmp_path / "plain.html").read_text(encoding="utf-8")
@@ -191,6 +192,7 @@ def test_it_prints_to_two_sheets_and_the_hologram_in_it_is_live(browser: Browser
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_any_report_prints_to_two_sheets(browser: Browser, tmp_path: Path, count: int) -> None:
@@ -335,6 +337,7 @@ def test_mistakes_are_named(
     assert not list(tmp_path.glob("*.html")) and not list(tmp_path.glob("*.json"))
 
 
+@pytest.mark.long
 def test_a_contrast_without_a_target_is_named_raw(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

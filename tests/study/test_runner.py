@@ -72,6 +72,7 @@ def test_every_job_is_done_once_and_results_come_in_order(workers: int, store: R
     assert seen[0] == (0, 6) and seen[-1] == (6, 6)
 
 
+@pytest.mark.long
 def test_what_is_kept_isn_t_done_again(store: ResultStore, tmp_path: Path) -> None:
     log = tmp_path / "log"
     run_jobs(STUDY, _jobs(log, 3), store)
@@ -109,6 +110,7 @@ def test_a_job_that_keeps_failing_is_named_and_the_others_are_kept(
     assert store.load(bad) is None
 
 
+@pytest.mark.long
 def test_a_process_that_is_killed_loses_nothing(store: ResultStore, tmp_path: Path) -> None:
     log = str(tmp_path / "log")
     jobs = [_job(n, log=log, fate="dies once" if n == 2 else "") for n in range(5)]
@@ -136,6 +138,7 @@ def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: ResultS
     assert _log(tmp_path / "log") == [1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", ["--quick", "--full"])
 def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
     size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -150,6 +153,7 @@ def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
     assert (STUDY.quick_note in (tmp_path / "report.html").read_text(encoding="utf-8")) == (size == "--quick")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
     """A terminal sends SIGINT to the program and to its workers."""
@@ -212,6 +216,7 @@ def _to_be_killed(log: Path) -> list[StudyJob]:
     return [_job(n, log=str(log), fate="waits once" if n == 2 else "") for n in range(4)]
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, log = tmp_path / "jobs", tmp_path / "log"
     program = (

@@ -127,6 +127,7 @@ def test_a_study_runs_and_reports(name: str, tmp_path: Path) -> None:
     _check_report(write_report(tmp_path, study, TINY, 0, findings), findings)
 
 
+@pytest.mark.long
 @needs_chromium
 @pytest.mark.usefixtures("tiny")
 def test_a_browser_shows_a_report_without_an_error(tmp_path: Path) -> None:

@@ -234,6 +234,7 @@ def test_views_are_read_row_by_row_in_the_order_of_their_numbers(tmp_path: Path,
     assert (np.diff(green, axis=1) > 0).all() and not np.diff(green, axis=0).any()
 
 
+@pytest.mark.long
 def test_the_description_says_where_viewpoints_and_zero_disparity_are(tmp_path: Path, bench: Bench) -> None:
     system = seen(bench, eyepiece="25 mm")
     plain = read_light_field(system, folder(tmp_path / "plain"))

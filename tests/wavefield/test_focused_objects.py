@@ -77,6 +77,7 @@ def test_a_large_opaque_disc_is_found_within_a_depth_of_focus(distance_m: float)
     assert found.objects[0].centre_m == pytest.approx((y, x), abs=radius)
 
 
+@pytest.mark.long
 def test_particles_at_two_depths_are_both_listed_with_their_places() -> None:
     """Those of each depth lie in one half of the picture."""
     rng = np.random.default_rng(2)
@@ -162,6 +163,7 @@ def test_light_that_is_sharper_at_another_distance_is_left(finely: bool) -> None
     assert without_objects(swept, [distance_m + 8 * _depth_of_focus(distance_m)], finely)[1] > 0.6
 
 
+@pytest.mark.long
 def test_how_much_is_in_focus_at_no_listed_distance_is_a_number() -> None:
     """The beam's own pattern has the power of the particles', half of all, and no focus. The particles' supports take
     some of it, and smooth parts count as beam: 34 to 37 % in three draws, where particles alone leave 0 to 1 %."""
@@ -180,6 +182,7 @@ def test_how_much_is_in_focus_at_no_listed_distance_is_a_number() -> None:
         assert found.is_incomplete == (seen is not counts)
 
 
+@pytest.mark.long
 def test_an_object_whose_depth_is_not_found_is_said() -> None:
     """A few particles among many of another depth: they are listed or said, and nothing is listed where none stand."""
     rng = np.random.default_rng(8)

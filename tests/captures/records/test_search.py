@@ -79,6 +79,7 @@ def test_a_mistake_is_named_and_nothing_else(right: Captures, name: Name) -> Non
     assert names(found) == [name]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pair", explored(PAIRS, 1), ids=str)
 def test_two_mistakes_are_named(right: Captures, pair: tuple[Name, Name]) -> None:
     found = find_record_errors(spoiled(right, *(MISTAKES[name] for name in pair)))
@@ -100,6 +101,7 @@ def test_patterns_far_out_of_step_are_found_beside_another_mistake(right: Captur
     assert names(found) == pair
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", explored(list(EFFECTS), 1))
 def test_an_effect_is_no_mistake_and_hides_none(effect: str) -> None:
     captures = measured({effect: EFFECTS[effect]})
@@ -123,12 +125,14 @@ def test_right_records_are_right(seed: int) -> None:
     assert found.corrections == () and found.rivals == () and found.correlation[0] > 0.95
 
 
+@pytest.mark.long
 def test_pictures_of_nothing_prove_nothing(right: Captures) -> None:
     """Of a thousand corrections, shifts and blurs the best must not be taken for a find."""
     noise = np.random.default_rng(0).integers(200, 3000, right.images.shape).astype(np.uint16)
     assert find_record_errors(dataclasses.replace(right, images=noise)).corrections == ()
 
 
+@pytest.mark.long
 def test_patterns_without_their_pictures_at_the_end_are_left_out(right: Captures) -> None:
     wrong = spoiled(right, MISTAKES["capture_order", "offset:+1"])
     lost = wrong.levels.copy()
@@ -140,6 +144,7 @@ def test_patterns_without_their_pictures_at_the_end_are_left_out(right: Captures
     assert np.array_equal(corrected.levels, right.levels[:-1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", explored(["transpose", "rotate_90", "rotate_270", "anti_transpose"], 1))
 def test_square_modulators_can_be_turned(how: str) -> None:
     captures = make_captures(bench(shape=(36, 36)), {}, AcquisitionSettings(captures_per_condition=2, seed=4))
@@ -203,6 +208,7 @@ def test_powers_in_any_order_are_found_and_put_right(right: Captures, seed: int)
     assert found.corrected(wrong).power == pytest.approx(right.power, abs=0.02)  # captures of nearly equal power
 
 
+@pytest.mark.long
 def test_a_dark_and_a_saturated_picture_hide_no_mistake(right: Captures) -> None:
     images = right.images.copy()
     images[0], images[5] = 64, right.camera.saturation

@@ -136,6 +136,7 @@ def test_a_plan_runs_to_its_end_with_the_lasers_off(rigged: Rigged) -> None:
     assert rigged.bench.laser is None and rigged.rig.state.wavelength_m is None
 
 
+@pytest.mark.long
 def test_a_plan_that_is_cancelled_keeps_its_captures_and_goes_on(rigged: Rigged) -> None:
     rigged.open()
     plan, output = rigged.path.with_name("plan.toml"), rigged.path.with_name("out.h5")

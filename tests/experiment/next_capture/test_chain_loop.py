@@ -28,6 +28,7 @@ def rig(tmp_path: Path) -> RigDescription:
     return read_rig(write_chain_rig(tmp_path, {"virtual": {"seed": 5, "effects": HIDDEN}}))
 
 
+@pytest.mark.long
 def test_a_fault_of_an_element_is_found_with_few_captures_whose_reasons_name_it(rig: RigDescription) -> None:
     told: list[str] = []
     effects = [get_effect(name) for name in CANDIDATES]
@@ -75,6 +76,7 @@ def test_gradients_reach_the_patterns_of_every_element(rig: RigDescription) -> N
         assert difference == pytest.approx(float(slope[number].norm()), rel=1e-5)
 
 
+@pytest.mark.long
 def test_the_command_takes_captures_and_names_the_cause(
     rig: RigDescription, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

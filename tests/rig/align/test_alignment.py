@@ -31,6 +31,7 @@ def check(hidden: Hidden, folder: Path) -> None:
     assert len(sentences(registration)) == (8 if hidden.kind == "two" else 5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", explored(["two", "fourier", "one"], 2))
 def test_a_hidden_placement_is_found(kind: str, tmp_path: Path) -> None:
     check(draw(kind, 1, (40, 48)), tmp_path)

@@ -103,6 +103,7 @@ def hidden_in(name: str) -> tuple[dict[str, Any], dict[str, float]]:
     return {"effects": effects, "placement": placement}, expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CHAINS)
 def test_a_hidden_placement_is_found_through_the_other_elements(name: str, tmp_path: Path) -> None:
     hidden, expected = hidden_in(name)
@@ -118,6 +119,7 @@ def test_a_hidden_placement_is_found_through_the_other_elements(name: str, tmp_p
     assert "modulator 1" not in told and registration.elements[0] in told
 
 
+@pytest.mark.long
 def test_the_command_writes_what_the_next_commands_take(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,6 +150,7 @@ def test_the_command_writes_what_the_next_commands_take(
         read_rig(tmp_path / "rig.toml")
 
 
+@pytest.mark.long
 def test_the_records_of_an_aligned_chain_are_checked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

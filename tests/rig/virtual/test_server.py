@@ -167,6 +167,7 @@ def test_the_process_ends_with_the_one_that_started_it(rig: RigDescription) -> N
         connection.close()
 
 
+@pytest.mark.long
 def test_wrong_settings_are_told_when_it_starts(tmp_path: Path) -> None:
     rig = read_rig(write_rig(tmp_path / "rig.toml", {"virtual": {"seede": 3}}))
     with pytest.raises(DeviceError, match=r"virtual\.seede: unknown key"):

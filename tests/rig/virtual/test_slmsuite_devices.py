@@ -286,6 +286,7 @@ def test_exposures_stay_within_the_safety_limits(bench: tuple[Path, VirtualBench
     camera.close()
 
 
+@pytest.mark.long
 def test_phase_modulators_of_a_chain_are_slmsuites_and_those_of_amplitude_are_not(tmp_path: Path) -> None:
     file = write_chain_rig(tmp_path, {"virtual": {"seed": 3}})
     slm = VirtualSLM(file, live=False)
