@@ -137,7 +137,7 @@ def veto_no_size(
         return result, decision, notes
     alike, dropped = result.lookalikes, {*named.causes} - {*best.causes}
     if alike is not None and alike.fit is named.fit:
-        result = replace(result, lookalikes=replace(alike, fit=best.fit))  # those of the causes that stay are the same
+        result = replace(result, lookalikes=replace(alike, fit=best.fit))  # not computed again for those that stay
     rivals = tuple(one for one in decision.rivals if not dropped & {*one.causes})
     return result, replace(decision, best=best, rivals=rivals), notes
 
