@@ -21,7 +21,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -464,7 +464,9 @@ def stage_loop(plan: Plan, drive: Any) -> Callable[[], NDArray[np.floating]]:
     Returns a function that computes XYZ (y, x, 3) of the plan's first plane; transfer functions are kept from its first
     call on.
     """
-    executor = _KeptTransfers(plan, FrameInputs(plan, drive))
+    from holoview.holograms.optimise.chain_loop import ChainExecutor
+
+    executor = ChainExecutor(plan, FrameInputs(plan, drive))
 
     def frame() -> NDArray[np.floating]:
         executor.clear_xyz()
@@ -474,21 +476,6 @@ def stage_loop(plan: Plan, drive: Any) -> Callable[[], NDArray[np.floating]]:
         return executor.xyz()[0]
 
     return frame
-
-
-class _KeptTransfers(TorchExecutor):
-    """Keeps the transfer functions of all wavelengths."""
-
-    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> torch.Tensor:
-        """As there."""
-        key = (relay, wavelength, plane)
-        if key not in self._known:
-            self._known[key] = self.derived_transfer(*key)
-        return self._known[key]
-
-    @cached_property
-    def _known(self) -> dict[tuple[int, int, int], torch.Tensor]:
-        return {}
 
 
 def shown_plan(renderer: IncrementalRenderer) -> Plan:
