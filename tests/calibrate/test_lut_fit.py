@@ -474,3 +474,13 @@ def test_a_table_is_verified_by_a_sweep_through_it() -> None:
     bad = verify_turn(fit_lut(parse_sweep(_text(np.arange(64.0), np.sin(bent / 2) ** 2))), 2 * np.pi)
     assert bad.rms == pytest.approx(0.5 / np.sqrt(2), rel=0.05) and bad.greatest == pytest.approx(0.5, rel=0.1)
     assert "from a straight line" in str(bad)
+
+
+def test_the_level_of_a_turn_is_said_for_drives_from_0_to_1_too() -> None:
+    levels, power, _ = _table("1", 2.7, seed=19)
+    for unit, digits in ((1.0, 0), (255.0, 3)):
+        lut = fit_lut(parse_sweep(_text(levels / unit, power)))
+        turn = (np.sqrt(1 + 8 * 2 / 2.7) - 1) / 2 * 255 / unit  # 2.7 (x + x²)/2 = 2
+        (said,) = [line for line in format_lut(lut) if line.startswith("2 π at level")]
+        # a phase off by 0.1 rad (above) is 0.01 of the levels: 2.7 π (1/2 + x) = 11 rad from 0 to 1 there
+        assert float(said.rpartition(" ")[2]) == pytest.approx(turn, abs=0.01 * 255 / unit + 0.5 * 10**-digits)

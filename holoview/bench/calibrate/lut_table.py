@@ -227,7 +227,7 @@ def format_lut(lut: FittedLut, wavelengths_m: Sequence[float] = (), periods: Seq
     )
     level = turn_level(lut)
     if level is not None:
-        lines.append(f"2 π at level {level:.0f}")
+        lines.append(f"2 π at level {level:.0f}" if level >= 10 else f"2 π at level {level:.3g}")
     turn = turn_deviation(lut)
     if turn is not None:
         lines.append(
