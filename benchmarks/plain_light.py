@@ -8,7 +8,8 @@ transforms are added at places across each of the camera's pixels, by a chirp z-
 
 Near field (`near_field`): `fine` × `fine` samples a pixel, each a small square (whose transform is a factor of the
 spectrum), the angular spectrum in a window from which no light can come round, irises of which a frequency on the edge
-passes in part; a camera pixel is the mean of its samples. Of small benches twice as many samples and twice the window
+passes in part; a camera pixel is the mean of its samples. Transforms leave out what is dark: samples beside modulators
+and camera, and frequencies that no iris passes. Of small benches twice as many samples and twice the window
 change the light by 0.03 %.
 """
 
@@ -189,41 +190,72 @@ def near_field(bench: Bench, modulated: Sequence[Complex], wavelength_m: float) 
     beyond = math.ceil(reach_m / bench.pitch_m * fine) + 32 * fine  # where light comes round, nobody looks
     wider = 2 if fine == SMALL_FINE else 1
     size = [2 * fft.next_fast_len(wider * (n * fine + beyond) // 2 + 1) for n in bench.shape]
-    y, x = (_along(centred(n) / fine, axis) for axis, n in enumerate(size))
-    sines = [_along(fft.fftfreq(n, bench.pitch_m / fine) * wavelength_m, axis) for axis, n in enumerate(size)]
-    field_now = bench.light(y, x) * _window(bench, modulated[0], size, fine)
+    cell = wavelength_m * fine / (bench.pitch_m * min(size))  # of the frequencies, as a sine
+    every = [fft.fftfreq(n, bench.pitch_m / fine) * wavelength_m for n in size]
+    window = _Window(size, [np.flatnonzero(np.abs(sines) < bench.iris + cell) for sines in every])
+    sines = [_along(sines[kept], axis) for axis, (sines, kept) in enumerate(zip(every, window.kept, strict=True))]
     cells = np.sinc(sines[0] * bench.pitch_m / fine / wavelength_m) * np.sinc(
         sines[1] * bench.pitch_m / fine / wavelength_m
     )
     square = sines[0] ** 2 + sines[1] ** 2
-    cell = wavelength_m * fine / (bench.pitch_m * min(size))  # of the frequencies, as a sine
     passes = np.clip((bench.iris - np.sqrt(square)) / cell + 0.5, 0, 1)
     cosine = np.sqrt(np.maximum(1 - square, 0))
-    spectrum = fft.fft2(field_now) * cells
+    samples = [n * fine for n in bench.shape]
+    first = window.middle(samples)
+    y, x = (
+        _along(centred(n)[k : k + m] / fine, axis)
+        for axis, (n, k, m) in enumerate(zip(size, first, samples, strict=True))
+    )
+    spectrum = window.spectrum(bench.light(y, x) * _transmission(bench, modulated[0], fine), first) * cells
     if bench.gap_m is not None:
         wave = passes * np.exp(2j * np.pi * bench.gap_m / wavelength_m * cosine)
-        second = _window(bench, modulated[1], size, fine)
-        if any(bench.second_px):
-            second = np.roll(second, [round(s * fine) for s in bench.second_px], (0, 1))
-        spectrum = fft.fft2(fft.ifft2(spectrum * wave) * second)
+        there = [k + round(moved * fine) for k, moved in zip(first, bench.second_px, strict=True)]
+        light = window.light(spectrum * wave, there, samples)
+        spectrum = window.spectrum(light * _transmission(bench, modulated[1], fine), there)
     path_m = bench.distance_m * cosine
     for sine, moved in zip(sines, bench.axis_px, strict=True):
         path_m = path_m - sine * moved * bench.camera_pitch_m
-    seen = np.abs(fft.ifft2(spectrum * passes * np.exp(2j * np.pi * path_m / wavelength_m))) ** 2
     side = round(bench.camera_pitch_m / bench.pitch_m * fine)
-    first = [(n - count * side) // 2 for n, count in zip(size, bench.camera, strict=True)]
     rows, columns = bench.camera
-    inner = seen[first[0] : first[0] + rows * side, first[1] : first[1] + columns * side]
-    return np.asarray(inner.reshape(rows, side, columns, side).mean(axis=(1, 3)))
+    seen = [rows * side, columns * side]
+    light = window.light(spectrum * (passes * np.exp(2j * np.pi * path_m / wavelength_m)), window.middle(seen), seen)
+    return np.asarray((np.abs(light) ** 2).reshape(rows, side, columns, side).mean(axis=(1, 3)))
 
 
-def _window(bench: Bench, modulated: Complex, size: Sequence[int], fine: int) -> Complex:
-    """The transmission of a modulator in the middle of a dark window of samples."""
-    samples = np.kron((1 - abs(bench.unmodulated)) * modulated + bench.unmodulated, np.ones((fine, fine)))
-    window = np.zeros(size, np.complex128)
-    first = [(n - inner) // 2 for n, inner in zip(size, samples.shape, strict=True)]
-    window[first[0] : first[0] + samples.shape[0], first[1] : first[1] + samples.shape[1]] = samples
-    return window
+@dataclass(frozen=True)
+class _Window:
+    """Dark but for some samples in it; of its frequencies those that the irises may pass. Both as (y, x)."""
+
+    size: Sequence[int]
+    kept: Sequence[NDArray[np.intp]]
+
+    def middle(self, samples: Sequence[int]) -> list[int]:
+        """Where so many samples in the middle begin."""
+        return [(n - inner) // 2 for n, inner in zip(self.size, samples, strict=True)]
+
+    def spectrum(self, light: Complex, first: Sequence[int]) -> Complex:
+        """The kept frequencies of light that begins at `first`."""
+        for axis in (0, 1):
+            light = fft.fft(self._padded(light, axis, np.arange(light.shape[axis]) + first[axis]), axis=axis)
+            light = light.take(self.kept[axis], axis)
+        return light
+
+    def light(self, spectrum: Complex, first: Sequence[int], samples: Sequence[int]) -> Complex:
+        """So many samples of the light from `first` on."""
+        for axis in (0, 1):
+            spectrum = fft.ifft(self._padded(spectrum, axis, self.kept[axis]), axis=axis)
+            spectrum = spectrum.take(np.arange(samples[axis]) + first[axis], axis)
+        return spectrum
+
+    def _padded(self, values: Complex, axis: int, places: NDArray[np.intp]) -> Complex:
+        padded = np.zeros([self.size[k] if k == axis else n for k, n in enumerate(values.shape)], np.complex128)
+        padded[(slice(None), places) if axis else places] = values
+        return padded
+
+
+def _transmission(bench: Bench, modulated: Complex, fine: int) -> Complex:
+    """A modulator's samples."""
+    return np.kron((1 - abs(bench.unmodulated)) * modulated + bench.unmodulated, np.ones((fine, fine)))
 
 
 # --- patterns and cameras ---------------------------------------------------------------------------------------------
