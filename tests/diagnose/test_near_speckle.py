@@ -99,7 +99,6 @@ def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.05)
 
 
-@pytest.mark.long
 def test_large_modulators_without_room_for_parts_are_not_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -217,7 +216,6 @@ def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> N
         light_by_speckle(window, end_at(3), untold)
 
 
-@pytest.mark.long
 def test_a_cause_that_is_no_candidate_is_not_sought(tmp_path: Path) -> None:
     """The search varies all of its causes together, so that none of them may be left out."""
     drawn = _nominal("near-two", 1)
@@ -234,7 +232,6 @@ def test_a_near_field_without_faults_needs_no_such_search(tmp_path: Path) -> Non
     assert window_for_light(captures, list(listed_effects())) is None
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("kind", explored(["near", "near-two"], 1))
 def test_brightness_tells_the_beam_of_a_larger_field(kind: str, tmp_path: Path) -> None:
     """Whatever the stroke and the wavefront are, which move light by less than the cells of 16 pixels."""

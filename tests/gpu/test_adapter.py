@@ -56,6 +56,7 @@ for thread in threads:
 """
 
 
+@pytest.mark.gpu
 def test_several_threads_may_open_devices_at_once() -> None:
     """A driver of OpenGL that two threads used at once, one releasing an adapter, ended the process most times."""
     done = subprocess.run([sys.executable, "-c", OPEN_AT_ONCE], capture_output=True, text=True, timeout=PATIENCE_S)
