@@ -297,7 +297,7 @@ BAD_IMPORTS = {
     'or "unknown"': ("a.png", "--pattern", "a.png", "--read-noise", "much", *GEOMETRY),
     "is missing": ("a.png", "--pattern", "a.png", "--wavelength", "532nm"),
     "differ by up to": ("a.png", "--pattern", "colour.png", *GEOMETRY),
-    "stands nowhere": ("seen31.png", "--pattern", "a.png", *GEOMETRY),
+    "stands nowhere": ("seen31.png", "--pattern", "other.png", *GEOMETRY),
 }
 
 
@@ -309,7 +309,8 @@ def test_imports_that_cant_be_are_refused_in_words(said: str, holoview: Run) -> 
     Image.fromarray(rng.integers(0, 256, (20, 30), dtype=np.uint8)).save("small.png")
     Image.fromarray(rng.integers(0, 256, (96, 128, 3), dtype=np.uint8)).save("colour.png")
     if "seen31.png" in BAD_IMPORTS[said]:
-        _far_field_files([31])
+        _far_field_files([31], SMALL_BENCH)
+        Image.fromarray(rng.integers(0, 256, (48, 64), dtype=np.uint8)).save("other.png")
     outcome = holoview("captures", "import", *BAD_IMPORTS[said], "-o", "c.h5")
     assert outcome.code != 0
     assert said in outcome.err
