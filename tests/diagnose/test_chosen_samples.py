@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from benchmarks.plain_light import Beam
+from benchmarks.real_benches import draw, measure
+from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose.fit import CandidateFit
 from holoview.bench.diagnose.judge import Decision, Verdict, rank_on_held_out
-from holoview.bench.diagnose.nuisances import drop_sampling_artefacts
+from holoview.bench.diagnose.nuisances import drop_sampling_artefacts, samples_that_explain
 from holoview.bench.diagnose.sampling_choice import ChosenSampling
 from holoview.light.numerics.sampling import AREA
 from tests.diagnose.conftest import make_context_of, small_system
 
 TILTED = {"tilt": {"tilt_y": 2e-4}}
+FURTHER = {"camera_alignment": {"magnification": -1e-3}, "motion_blur": {"length_y": 0.7}}
 
 
 @pytest.mark.parametrize("may_leave", ["nothing", "as much", "less"])
@@ -40,3 +45,25 @@ def test_a_cause_that_takes_no_more_than_chosen_samples_may_leave_is_not_named(m
 def test_finer_samples_may_leave_a_fifteenth_of_what_they_took_and_kinds_of_pixels_nothing() -> None:
     assert ChosenSampling(SamplingConfig(2, 3, AREA), 1.04, 1.79).may_leave == pytest.approx(0.05)
     assert ChosenSampling(SamplingConfig(points=AREA), 1.04, 1.79).may_leave == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("beside", [None, "camera_alignment", "motion_blur"])
+@pytest.mark.parametrize("size", [1.0, 1.05])
+def test_finer_samples_are_tried_beside_causes_before_further_ones(
+    size: float, beside: str | None, tmp_path: Path
+) -> None:
+    """A beam, whose light an independent program computed with finer samples, is right but for them (no fit, and no
+    further cause, hides it); a beam of another size isn't, whatever the samples."""
+    drawn = replace(draw(5, "none", "near", 64), pictures=2)
+    half_px = max(drawn.bench.shape) / 2
+    drawn = replace(drawn, bench=replace(drawn.bench, beam=Beam(0.6 * half_px, 2.0)))
+    captures = read_captures(measure(drawn, tmp_path, 3).with_suffix(".h5"))
+    values = {"beam": {"size": size / 0.6}} | ({beside: FURTHER[beside]} if beside else {})
+    context = replace(make_context_of(captures), has_open_sampling=True)
+    result = rank_on_held_out(context, [CandidateFit(tuple(values), values, 0.0)])
+    found = samples_that_explain(context, result)
+    assert (found is not None) == (size == 1.0)
+    assert found is None or (found.points == AREA and found.finer > 1)
+    assert samples_that_explain(replace(context, has_open_sampling=False), result) is None  # the captures state them
+    assert samples_that_explain(replace(context, sampling=SamplingConfig(points=AREA)), result) is None

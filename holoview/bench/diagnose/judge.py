@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2 as chi_squared
 from scipy.stats import t as student
 
+from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.diagnose.config import SearchConfig, VerdictConfig
 from holoview.bench.diagnose.fit import CandidateFit, FittedValues, cost_or_inf
 from holoview.bench.diagnose.likelihood import Comparison
@@ -119,7 +120,8 @@ class SearchResult:
     """The result of a search. nominal: the nominal bench. candidates: best first, all with the same frozen weights.
 
     lookalikes: of the best candidate's causes, where rivals were looked for. unseen_rivals: fits that predict the same
-    as the best candidate, with an effect that only other captures can tell from its cause.
+    as the best candidate, with an effect that only other captures can tell from its cause. better_sampling: explains
+    what a candidate leaves, so that the search ended.
     """
 
     nominal: HeldOutScore
@@ -128,6 +130,7 @@ class SearchResult:
     tolerant_comparison: Comparison
     lookalikes: Lookalikes | None = None
     unseen_rivals: tuple[CandidateFit, ...] = ()
+    better_sampling: SamplingConfig | None = None
 
     @property
     def best(self) -> HeldOutScore:

@@ -22,7 +22,7 @@ from functools import partial
 
 import numpy as np
 
-from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.captures.predictor import PLAIN, SamplingConfig
 from holoview.bench.captures.prepared_captures import estimate_prnu
 from holoview.bench.diagnose.capture_split import spread_over_wavelengths
 from holoview.bench.diagnose.config import SearchConfig
@@ -37,11 +37,12 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison, Values, mean_is_significant
-from holoview.bench.diagnose.sampling_choice import other_samplings
+from holoview.bench.diagnose.sampling_choice import finer_samples, other_samplings
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.numerics.sampling import AREA
 
 _SAMPLING_CAPTURES = 4  # [captures] Held-out captures that are predicted with each sampling.
+_NEAR_CANDIDATES = 3  # [candidates] The best, beside which finer samples of a near field are tried.
 _CACHE_MB = 64
 """[MB] Cache of each predictor. Evidence: causes are left out one after the other, which changes only a part of a
 prediction."""
@@ -185,15 +186,42 @@ def drop_sampling_artefacts(
     return decision, notes, better if is_open and decision.verdict is not Verdict.CONSISTENT else None
 
 
-def is_limited_by_samples(context: SearchContext, result: SearchResult) -> bool:
-    """Whether samples of a chain leave more beside the best candidate than the candidate does with other ones."""
-    if context.data.captures.chain is None or not context.has_open_sampling or not result.best.causes:
-        return False
-    decision = Decision(Verdict.PARTLY, result.best)
-    comparison = _check_comparison(context, decision)
-    alternatives = _alternative_comparisons(context, comparison, only_pixels=False)
-    _, _, better = _credit_sampling(context.config, comparison, alternatives, decision, result.best.fit.values)
-    return better is not None
+def samples_that_explain(context: SearchContext, result: SearchResult) -> SamplingConfig | None:
+    """The samples that explain what one of the best candidates leaves, where nobody stated how the light is sampled.
+
+    In the near field they have to explain nearly all of it, as of a nominal bench. Candidates without one of their
+    causes are asked too, since it may already have been fitted to what samples leave.
+    """
+    captures = context.data.captures
+    if not context.has_open_sampling or captures.is_fourier or not result.best.causes:
+        return None
+    if captures.chain is not None:
+        decision = Decision(Verdict.PARTLY, result.best)
+        comparison = _check_comparison(context, decision)
+        alternatives = _alternative_comparisons(context, comparison, only_pixels=False)
+        return _credit_sampling(context.config, comparison, alternatives, decision, result.best.fit.values)[2]
+    if context.sampling != PLAIN:
+        return None
+    return next(filter(None, (_explaining_near(context, one) for one in result.candidates[:_NEAR_CANDIDATES])), None)
+
+
+def _explaining_near(context: SearchContext, candidate: HeldOutScore) -> SamplingConfig | None:
+    """The samples of a near field that explain what a candidate leaves, or what it leaves without one of its causes."""
+    comparison = _check_comparison(context, Decision(Verdict.PARTLY, candidate))
+    create = partial(context.predictor.create, cache_mb=_CACHE_MB)
+
+    def measured(values: Values, sampling: SamplingConfig) -> float:
+        return comparison.with_predictor(create(**sampling.keywords)).chi2_per_pixel(values)
+
+    needed_gain = context.config.verdict.min_delta_chi2 / comparison.pixel_count
+    most = comparison.chi2_per_pixel(candidate.fit.values) - needed_gain
+    fewer = [candidate.fit.without(name) for name in candidate.causes] if len(candidate.causes) > 1 else []
+    for values in (fit.values for fit in (candidate.fit, *fewer)):
+        left, pixels = comparison.chi2_per_pixel(values), comparison.pixel_count
+        chosen = finer_samples(context.data.captures, left, pixels, partial(measured, values))
+        if chosen is not None and chosen.chi2 <= most:
+            return chosen.sampling
+    return None
 
 
 def _credit_sampling(

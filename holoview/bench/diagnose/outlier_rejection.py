@@ -95,8 +95,8 @@ def search_once(
     result = result or rank_on_held_out(context, initial.fits if initial else ())
     decision = decide(result, context.equivalents, context.config.verdict)
     decision, notes = excuse_laser_drift(context, result, decision)
-    better: SamplingConfig | None = None
-    if initial is None:
+    better = result.better_sampling
+    if initial is None and better is None:
         decision, sampling_notes, better = drop_sampling_artefacts(context, result, decision)
         notes = [*notes, *sampling_notes]
     for veto in (veto_lost_detail, veto_uncorrelated, veto_without_effect):

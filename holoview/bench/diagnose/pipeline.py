@@ -449,7 +449,7 @@ def _search(records: CheckedRecords, request: _Request, share: float, light: Fou
         return replace(diagnosis, known=again.known, notes=notes)
     if better is not None:
         again = replace(request, sampling=better, has_open_sampling=False, time_s=left_s)
-        diagnosis = _search(records, again, share)
+        diagnosis = _search(records, again, share, light)
         return replace(diagnosis, notes=(describe_better(better), *diagnosis.notes))
     return with_wrong_records(diagnosis, records)
 
@@ -507,11 +507,15 @@ def _judge_light(
     search = search_from({**estimated, **light.values})
     found = search(whole.left_out)
     best, nominal = found.result.best, found.result.nominal
+    if found.better_sampling is not None:
+        return found, None
     if not found.was_ended and (put_right := errors_of_estimates(found.result, request.uncertain, request.known)):
         return found, put_right
     if not found.was_ended and best.excess < _DECIDING_SHARE * nominal.excess:
         search = search_from(best.fit.values, with_or_without_unmodulated(best.fit.values))
         found = search(whole.left_out)
+        if found.better_sampling is not None:
+            return found, None
     if context is whole:
         outcome = judge(whole, found, search)
     else:  # whole pictures tell which causes are needed: in a part a beam may be as good as even light
@@ -583,6 +587,7 @@ def _judged_whole(
     whole.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
     torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
     whole = replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
+    whole = replace(whole, has_open_sampling=False)  # decided in the first search
     last = fitted or found
     explains = last.decision.verdict not in _OPEN
     initial = InitialCandidates(_named_fits(last), explains, is_corrected, refit)
@@ -618,6 +623,7 @@ def _fitted_to_parts(
         progress(0, 1, "light from beyond the parts")
         corrected = without_light_from_beyond(whole, parts, values)
         corrected = replace(corrected, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
+        corrected = replace(corrected, has_open_sampling=False)
         initial = InitialCandidates(_named_fits(found), are_searched=True, over_field_only=True)
         found = outcome = search_once(corrected, found.context.left_out, progress, initial)
         if {*found.decision.values} == causes or found.was_ended:

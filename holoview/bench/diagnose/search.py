@@ -31,7 +31,7 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison
-from holoview.bench.diagnose.nuisances import detect_nuisances, excuse_laser_drift, is_limited_by_samples
+from holoview.bench.diagnose.nuisances import detect_nuisances, excuse_laser_drift, samples_that_explain
 from holoview.bench.diagnose.power_law import changes_only_power
 from holoview.bench.diagnose.refine import (
     SETTLED_SHARE,
@@ -146,6 +146,8 @@ def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[Sea
     if context.has_camera_jitter and _is_consistent(context, nothing):
         return context, nothing
     result = select_causes(context, _visible_effects(context), progress)
+    if result.better_sampling is not None:
+        return context, result
     result = fit_to_the_end(context, prefer_fewer_numbers(context, result))
     settled = detect_nuisances(context, result.best.fit.values)
     if settled is not context:
@@ -194,7 +196,9 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
         most = max(most, len(result.best.causes) + initial.beside)
     result = _with_further_causes(context, result, further, progress, most)
     has_simplest_names = initial.over_field_only and result.best.causes in [fit.causes for fit in initial.fits]
-    return result if has_simplest_names else prefer_fewer_numbers(context, result)
+    if has_simplest_names or result.better_sampling is not None:
+        return result
+    return prefer_fewer_numbers(context, result)
 
 
 def _effects_beside(context: SearchContext, initial: InitialCandidates) -> list[Effect]:
@@ -208,10 +212,10 @@ def _effects_beside(context: SearchContext, initial: InitialCandidates) -> list[
 
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
     """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed."""
-    single = free_fine_parameters(context, _search_single_causes(context, effects, progress))
-    if is_limited_by_samples(context, single):
+    single = _search_single_causes(context, effects, progress)
+    if single.better_sampling is not None:
         return single
-    return _with_further_causes(context, single, effects, progress)
+    return _with_further_causes(context, free_fine_parameters(context, single), effects, progress)
 
 
 def _visible_effects(context: SearchContext) -> list[Effect]:
@@ -237,10 +241,13 @@ def _with_further_causes(
     progress: ProgressCallback,
     most: int = _MAX_CAUSES,
 ) -> SearchResult:
-    """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures."""
+    """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures and other
+    samples don't explain what is left."""
     for number in range(max(len(result.best.causes), 1) + 1, most + 1):
         if _is_done(context, result):
             break
+        if better := samples_that_explain(context, result):
+            return replace(result, better_sampling=better)
         wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
         if not _is_better(context, wider, result):
             break
@@ -272,10 +279,12 @@ def _search_single_causes(
             continue
         queue.refine_new(_short_list(without_costly_fits(context, screened, unbiased)))
         result = rank_on_held_out(context, queue.fits)
-        if is_first_round and is_limited_by_samples(context, result):
-            return result
+        if is_first_round and (better := samples_that_explain(context, result)):
+            return replace(result, better_sampling=better)
         if is_first_round and not is_settled(result) and _is_promising(context, result):
             result = _search_second_causes_early(context, result, screened, effects, progress)
+            if result.better_sampling is not None:
+                return result
             queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
         else:
             result = refine_leaders_along_axes(context, result)
@@ -312,6 +321,8 @@ def _search_second_causes_early(
         result = rank_on_held_out(context, [*shared, *(c.fit for c in result.candidates)])
     result = refine_leaders_along_axes(context, result, also_costly=False)
     result = free_fine_parameters(context, result, also_costly=False)
+    if better := samples_that_explain(context, result):
+        return replace(result, better_sampling=better)
     if not is_settled(result) and (costly := with_costly_in_place(context, result, effects)):
         result = rank_on_held_out(context, [*costly, *(c.fit for c in result.candidates)])
     if is_settled(result):
