@@ -73,8 +73,8 @@ _LEAST_NOISE = 1.0 / 3.0
 of standard deviation σ only if that is half a count or more (the error is below 2·exp(−2π²σ²) = 1.4 %); in the dark of
 a camera of few bits every pixel may read the same."""
 _CLEAR_OF_0 = 3.0
-"""[σ] Pixels that are expected nearer to 0 counts aren't counted, since no camera reads less. Evidence: derivation: noise
-that ends 3 σ below its mean has 0.3 % less variance, at 1.5 σ 11 %."""
+"""[σ] Pixels that are expected nearer to 0 counts aren't counted, since no camera reads less. Evidence: derivation:
+noise that ends 3 σ below its mean has 0.3 % less variance, at 1.5 σ 11 %."""
 FLOOR_CHI2 = 1.05  # [χ²/n] Below it no further cause is searched. Evidence: the search study.
 JITTER_CHI2 = 1.0 + JITTER_EXCESS  # [χ²/n] Left by jitter of an ordinary laboratory.
 
@@ -276,7 +276,7 @@ class NoiseCheck:
 
 
 def check_noise(comparison: Comparison, values: FittedValues) -> NoiseCheck:
-    """Whether residuals are too small for the noise that the records state, where light is above a camera's least count.
+    """Whether residuals are too small for the noise that the records state, where noise can't take a pixel below 0.
 
     Each of K captures has p fitted numbers, its gain and its movement, so that the mean of χ²/n is 1 − pK/n. Its
     scatter is taken from the sums of square blocks of pixels, whatever the distribution of the noise and however
