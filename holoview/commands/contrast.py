@@ -65,7 +65,7 @@ from holoview.holograms.files.light_file import is_light_file
 from holoview.holograms.files.readers.registry import is_readable
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.grains import PixelNoise, SumNoise
-from holoview.holograms.metrics.image_quality import central_region, contrast_by_pupil, picture_luminance
+from holoview.holograms.metrics.image_quality import contrast_by_pupil, picture_luminance
 from holoview.holograms.metrics.likeness import displaced
 from holoview.holograms.metrics.photograph import (
     MOST_SATURATED,
@@ -87,7 +87,7 @@ from holoview.holograms.view import random_drive
 from holoview.light.model.fields import fields_by_key
 from holoview.light.model.focus import parse_plane, plane_label
 from holoview.light.model.system import System
-from holoview.light.numerics.sampling import Region, region_slices
+from holoview.light.numerics.sampling import Region, central_region, region_slices
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.figures import figure_bytes, require_matplotlib

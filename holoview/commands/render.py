@@ -52,16 +52,15 @@ from holoview.holograms.files.pictures import (
 )
 from holoview.holograms.files.pupil_path_file import load_pupil_path
 from holoview.holograms.hologram import Hologram, load_hologram
-from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.metrics.speckle import speckle_contrast
 from holoview.holograms.view import View, field_at, light_numbers, random_drive, simulate
 from holoview.light.colour import COLOUR_SPACES, ColourSpace, fitting_stops, to_srgb8
-from holoview.light.engine.light_budget import told_light
 from holoview.light.model import preset
 from holoview.light.model.drives import complex_names
 from holoview.light.model.focus import focused_planes, parse_plane, plane_label, views_along
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
+from holoview.light.numerics.sampling import central_region
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
@@ -208,11 +207,11 @@ def _run(args: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> 
     space = None if args.colour_space is None else COLOUR_SPACES[args.colour_space]
     stops = _stops(args.exposure, view, system)
     gamut = "hue" if args.keep_hues else "clip"
-    files = _write_planes(view.exposed(stops), system, paths, stops, (space, gamut), saver)
+    files = _write_planes(view, system, paths, stops, (space, gamut), saver)
     if shown.other_side is not None:
         other = _simulated(args, *shown.other_side, planes_m)
         own_stops = _stops(args.exposure, other, system)
-        sharper = _write_planes(other.exposed(own_stops), shown.other_side[0], beside, own_stops, (space, gamut), saver)
+        sharper = _write_planes(other, shown.other_side[0], beside, own_stops, (space, gamut), saver)
         files += [entry | {"other_side": True} for entry in sharper]
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
@@ -309,6 +308,8 @@ def _light_budgets(
     samples = math.prod(system.way.shape) * system.frames if system.is_chain else drive.size
     if samples * len(planes_m) * (1 if system.is_field else len(system.wavelengths_m)) > _MOST_FOLLOWED:
         return [None] * len(planes_m)
+    from holoview.light.engine.light_budget import told_light  # slow start: importing torch takes a second
+
     plan = make_plan(system, planes_m)
     return [told_light(plan, drive, plane)[1] or None for plane in range(len(planes_m))]
 
@@ -498,10 +499,11 @@ def _write_planes(
 ) -> list[dict[str, Any]]:
     """Writes a PNG for each plane of a view; returns plane, file, contrast and mean luminance of each, for JSON.
 
-    exposure: stops by which the view was brightened, for the file's metadata. colours: the space of 16-bit pictures,
-    and how `gamut_map` fits colours into 8 bits.
+    exposure: stops by which the view is brightened; the file's metadata tells them. colours: the space of 16-bit
+    pictures, and how `gamut_map` fits colours into 8 bits.
     """
     space, gamut = colours
+    view = view.exposed(exposure) if exposure else view
     files = []
     for i, (plane_m, wanted) in enumerate(zip(view.focus_m.tolist(), paths, strict=True)):
         plane = plane_label(system, plane_m)
@@ -520,7 +522,7 @@ def _write_planes(
         path = saver.save(wanted, save)
         figures = {"speckle_contrast": _speckle_contrast(luminance), "mean_luminance": float(luminance.mean())}
         files.append({"plane": plane, "file": str(path), **figures})
-    if np.all(view.srgb8 == 0):
+    if not to_srgb8(view.rgb.max()):  # of the brightest channel
         print_stderr("note: every picture is black; raise --exposure or the laser amplitudes")
     return files
 

@@ -31,11 +31,11 @@ from holoview.evidence.study.display_contrast import DisplayContrast, display_co
 from holoview.evidence.study.hologram_report import report_html, report_json, review_hologram
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.colour_speckle import DRAW_SEED
-from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.metrics.speckle_measurement import STRUCTURE_COUNTS
 from holoview.holograms.view import random_drive
 from holoview.light.model.focus import parse_plane
 from holoview.light.model.system import System
+from holoview.light.numerics.sampling import central_region
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
 from holoview.util.file_writer import write_file

@@ -71,6 +71,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.holograms.load_field", "holoview.holograms.fields.demodulation"): SLOW,
     ("holoview.viewer.render.page_images", "holoview.holograms.fields.demodulation"): SLOW,
     ("holoview.commands.render", "holoview.holograms.fields.demodulation"): SLOW,
+    ("holoview.commands.render", "holoview.light.engine.light_budget"): SLOW,
     ("holoview.commands.effects", "holoview.bench.captures.effect_trial"): SLOW,
     ("holoview.commands.optimise", "holoview.bench.experiment.camera_loop"): SLOW,
     ("holoview.commands.optimise", "holoview.bench.experiment.camera_problem"): SLOW,
@@ -226,6 +227,13 @@ def test_the_viewer_starts_without_the_libraries_that_take_long_to_import() -> N
     roots = ["holoview.commands.view", *(f"holoview.viewer.app.{name}" for name in ("startup", "launch", "run"))]
     reached = {name.partition(".")[0] for root in roots for name in _reached(root)}
     assert {"numpy", "wgpu", "imgui_bundle"} <= reached
+    assert not reached & SLOW_LIBRARIES
+
+
+def test_a_picture_is_rendered_by_shaders_without_the_libraries_that_take_long_to_import() -> None:
+    roots = ["holoview.commands.render", "holoview.light.engine.wgpu_executor", "holoview.light.gpu.device"]
+    reached = {name.partition(".")[0] for root in roots for name in _reached(root)}
+    assert {"numpy", "wgpu", "PIL"} <= reached
     assert not reached & SLOW_LIBRARIES
 
 

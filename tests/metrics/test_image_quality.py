@@ -12,12 +12,12 @@ import holoview as hv
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.image_quality import (
     EyeboxUniformity,
-    central_region,
     eyebox_uniformity_of,
     measure_image_quality,
 )
 from holoview.holograms.view import View
 from holoview.light.colour import SRGB_TO_XYZ
+from holoview.light.numerics.sampling import central_region
 
 SIDE = 256
 

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from holoview.evidence.study.hologram_study import optimise_job
 from holoview.evidence.study.study import StatusCallback
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.metrics.image_quality import central_region
 from holoview.holograms.metrics.sharpness import ContrastRatio, checkerboard, checkerboard_contrast, sequential_contrast
 from holoview.holograms.view import View, simulate
 from holoview.light.model.system import System
-from holoview.light.numerics.sampling import region_slices
+from holoview.light.numerics.sampling import central_region, region_slices
 
 WHITE = 0.5
 """Linear light of a white picture: bright enough to need most lasers, with room for the checkerboard."""

@@ -45,7 +45,6 @@ from holoview.evidence.study.study import (
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.metrics.fidelity import psnr, psnr_linear_srgb
 from holoview.holograms.metrics.image_quality import (
-    central_region,
     eyebox_uniformity_of,
     measure_image_quality,
     plane_midpoints,
@@ -69,7 +68,7 @@ from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
-from holoview.light.numerics.sampling import Region, region_slices
+from holoview.light.numerics.sampling import Region, central_region, region_slices
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 from holoview.viewer.page.page import export_html

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from holoview.bench.captures.speckle_meter import measure_hologram
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.metrics.image_quality import central_region, eyebox_uniformity_of, measure_image_quality
+from holoview.holograms.metrics.image_quality import eyebox_uniformity_of, measure_image_quality
 from holoview.holograms.targets.target_source import TargetSource
 from holoview.holograms.view import simulate
 from holoview.light.model.focus import focused_planes
 from holoview.light.model.system import System
-from holoview.light.numerics.sampling import Region, region_slices
+from holoview.light.numerics.sampling import Region, central_region, region_slices
 from holoview.util.errors import UserError, suggest_matches
 
 

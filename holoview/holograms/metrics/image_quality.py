@@ -44,7 +44,7 @@ from holoview.light.model.focus import focused_planes, with_pupil_at
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.numerics.sample_bits import find_clipping
-from holoview.light.numerics.sampling import Region, region_slices
+from holoview.light.numerics.sampling import Region, central_region, region_slices
 from holoview.light.numerics.structural_similarity import scale_count
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.light.optics.slm import EYEBOX_BLOCKS, eyebox_order
@@ -163,12 +163,6 @@ def measure_image_quality(view: View, stack: NDArray[np.floating], region: Regio
             for xyz, target in zip(view.xyz, target_xyz, strict=True)
         ),
     )
-
-
-def central_region(shape: tuple[int, ...]) -> Region:
-    """The central half of an image of (rows, columns), as (x, y, w, h); at least a sample."""
-    rows, columns = shape[0], shape[1]
-    return columns // 4, rows // 4, max(columns // 2, 1), max(rows // 2, 1)
 
 
 def plane_midpoints(planes_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -30,14 +30,9 @@ def open_executor(
             "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=suggest_matches(backend, BACKENDS)
         )
     check_plan(plan)
-    from holoview.light.engine.torch_executor import TorchExecutor  # slow start: importing torch takes a second
-
-    if backend == "torch64":
-        inputs = FrameInputs(plan, drive)
-        return TorchExecutor(plan, inputs, double=True, measures_power=measures_power), "torch, complex128"
     inputs = FrameInputs(plan, drive)
-    if backend == "torch":
-        return TorchExecutor(plan, inputs, measures_power=measures_power), "torch, complex64"
+    if backend in ("torch", "torch64"):
+        return _torch_executor(plan, inputs, measures_power, double=backend == "torch64")
     from holoview.light.engine.wgpu_executor import WgpuExecutor  # optional library: PyTorch alone doesn't need wgpu
     from holoview.light.gpu.device import open_device
 
@@ -52,8 +47,17 @@ def open_executor(
     except UserError as error:
         if backend == "wgpu" or adapter is not None:
             raise
-        because = f"torch, complex64 (chosen because: {error})"
-        return TorchExecutor(plan, inputs, measures_power=measures_power), because
+        executor, label = _torch_executor(plan, inputs, measures_power)
+        return executor, f"{label} (chosen because: {error})"
+
+
+def _torch_executor(
+    plan: Plan, inputs: FrameInputs, measures_power: bool, double: bool = False
+) -> tuple[Executor[Any], str]:
+    from holoview.light.engine.torch_executor import TorchExecutor  # slow start: importing torch takes a second
+
+    executor = TorchExecutor(plan, inputs, double=double, measures_power=measures_power)
+    return executor, f"torch, {'complex128' if double else 'complex64'}"
 
 
 # --- memory -----------------------------------------------------------------------------------------------------------

@@ -104,6 +104,12 @@ def region_slices(region: Region) -> tuple[slice, slice]:
     return slice(y, y + height), slice(x, x + width)
 
 
+def central_region(shape: tuple[int, ...]) -> Region:
+    """The central half of an image of (rows, columns), as (x, y, w, h); at least a sample."""
+    rows, columns = shape[0], shape[1]
+    return columns // 4, rows // 4, max(columns // 2, 1), max(rows // 2, 1)
+
+
 def zero_outside(images: torch.Tensor, rows: slice, columns: slice) -> None:
     """Sets the samples (…, y, x) outside two slices, each with a start and a stop, to zero in place."""
     images[..., : rows.start, :].zero_()

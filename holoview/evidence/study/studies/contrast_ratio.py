@@ -40,11 +40,11 @@ from holoview.evidence.study.study import (
     StudyPicture,
     StudyScale,
 )
-from holoview.holograms.metrics.image_quality import central_region, eyebox_uniformity_of
+from holoview.holograms.metrics.image_quality import eyebox_uniformity_of
 from holoview.holograms.metrics.sharpness import contrast_ratio
 from holoview.holograms.metrics.speckle import speckle_contrast
 from holoview.light.colour import SRGB_TO_XYZ, to_srgb8
-from holoview.light.numerics.sampling import region_slices
+from holoview.light.numerics.sampling import central_region, region_slices
 
 _COUNTS = (1, 2, 4, 8, 16)
 _MODULATORS = {"two modulators": "", "one modulator": "+1slm"}
