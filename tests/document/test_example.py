@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from holoview.viewer.document.file_loader import (
 )
 from holoview.viewer.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.render import remembered_brightness
 from holoview.viewer.render.view_settings import SPECKLE_EXPOSURE_STOPS
 from tests.patience import PATIENCE_S
 
@@ -67,6 +69,20 @@ def test_a_new_session_shows_a_picture_and_can_be_optimised(session: EditingSess
     assert target is not None and target.is_example
     far, near = target.build(session.system.edit({"shape": [48, 64]})).stack[[0, -1]]
     assert np.abs(near - far).mean() > 0.005, "it has depth"
+
+
+def test_the_brightness_of_its_first_image_is_known_of_an_installation(
+    session: EditingSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And of no scene that differs from it, be it in one level of one pixel."""
+    monkeypatch.setattr(remembered_brightness, "cache_dir", lambda: tmp_path)
+    scene = session.document.scene
+    assert remembered_brightness.remembered_gain(scene) is not None
+    drive = scene.drive.copy()
+    drive[0, 1, 5, 7] = 1 - drive[0, 1, 5, 7]
+    brighter = scene.system.with_(amplitudes=scene.system.amplitudes * 1.01)
+    for other in (replace(scene, drive=drive), replace(scene, plane_m=0.011), replace(scene, system=brighter)):
+        assert remembered_brightness.remembered_gain(other) is None
 
 
 def test_another_bench_shows_speckle_with_the_target_and_a_hint(bench: System) -> None:
