@@ -1,7 +1,8 @@
 """The program `holoview`, also as `python -m holoview`: it can be interrupted from its first moment on.
 
 Its modules take some tenths of a second to import. Ctrl-C in that time, and while Python ends, leaves at once, without
-a traceback; there is nothing to save.
+a traceback; there is nothing to save. The viewer runs in a process of its own, which alone imports them: nobody waits
+for them twice.
 """
 
 import _signal as signal  # type: ignore[import-not-found]  # what `signal` wraps, which takes longer to load
@@ -14,9 +15,10 @@ def run() -> int:
     _leave_on_interrupt()
     if not sys.warnoptions:  # warnings of libraries are for programmers: python -W default -m holoview
         _silence_libraries()
-    from holoview.commands.cli import main
+    from holoview.commands.supervisor import is_supervised, run_commands, supervise
 
-    code = main()
+    words = sys.argv[1:]
+    code = supervise(run_commands, words) if is_supervised(words) else run_commands(words)
     _leave_on_interrupt(code)
     return code
 

@@ -12,7 +12,6 @@ from typing import Any, NoReturn
 
 from holoview.commands.console import EXIT_USER_ERROR, console_streams
 from holoview.commands.output_files import LOCKS, check_files
-from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
 from holoview.util.file_writer import OutputLocks
 from holoview.util.memory_limit import memory_setting
@@ -60,13 +59,8 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs `holoview` with these arguments and returns its exit code.
-
-    arguments: None stands for the arguments of this process; then the viewer runs in a process of its own.
-    """
+    """Runs `holoview` with these arguments, of this process if None, and returns its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if arguments is None and is_supervised(words):
-        return supervise(main, words)
     share_the_machine()
     with console_streams() as (output, _):
         code = _run(words)

@@ -28,6 +28,13 @@ _CRASHES = tuple(getattr(signal, f"SIG{name}", 0) for name in ("ABRT", "BUS", "F
 _WINDOWS_EXCEPTIONS, _WINDOWS_CTRL_C = 0xC0000000, 0xC000013A
 
 
+def run_commands(words: Sequence[str]) -> int:
+    """Runs the command line; returns its exit code. A `Program`, which is imported by the process that runs it."""
+    from holoview.commands.cli import main
+
+    return main(words)
+
+
 def is_supervised(words: Sequence[str]) -> bool:
     """Whether the arguments of `holoview` open a viewer that a person works with."""
     return words[:1] == ["view"] and not any(word in _UNSUPERVISED for word in words)

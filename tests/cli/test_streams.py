@@ -105,7 +105,8 @@ def test_a_reader_that_goes_doesn_t_end_the_work(
 def test_warnings_of_libraries_don_t_precede_the_message() -> None:
     program = "import logging, sys, warnings; from holoview import cli; from holoview.__main__ import run\n"
     program += (
-        "def main(): warnings.warn('a bomb'); import logging; logging.getLogger('tifffile').warning('odd'); return 3\n"
+        "def main(words): warnings.warn('a bomb'); import logging; "
+        "logging.getLogger('tifffile').warning('odd'); return 3\n"
     )
     program += "cli.main = main; sys.exit(run())"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE_S)

@@ -105,6 +105,12 @@ def test_only_a_viewer_that_a_person_works_with_is_supervised(words: list[str], 
     assert is_supervised(words) is supervised
 
 
+def test_the_process_that_supervises_loads_neither_numpy_nor_the_command_line() -> None:
+    """Nobody waits for them twice; the viewer's own process loads them."""
+    program = "import sys, holoview.__main__, holoview.commands.supervisor; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], timeout=PATIENCE_S, check=False).returncode == 0
+
+
 def _start(folder: Path) -> tuple[subprocess.Popen[bytes], psutil.Process]:
     """A process that supervises a program that waits, and the program's process."""
     (folder / "ends").write_text("wait", encoding="utf-8")

@@ -82,7 +82,7 @@ def _next_match(process: subprocess.Popen[str], pattern: str) -> tuple[re.Match[
     raise AssertionError(f"the viewer ended, or told no address in {PATIENCE_S:.0f} s: {said}")
 
 
-PROGRAM = ("-m", "holoview.commands.cli")
+PROGRAM = ("-m", "holoview")
 _ADDRESS = r"http://(\S+)/\?token=(\S+)"
 
 

@@ -59,7 +59,7 @@ class Screen:
         display: str,
         folder: Path,
         arguments: list[str],
-        program: tuple[str, ...] = ("-m", "holoview.commands.cli"),
+        program: tuple[str, ...] = ("-m", "holoview"),
     ) -> None:
         self._display = display
         self._log = folder / "log.txt"

@@ -1,7 +1,7 @@
 """The brightness of a session's first quick image, remembered from the last time that its scene was opened.
 
-Measured anew it takes three lasers of the full image, before which no image would be shown. That of the scene with which
-the viewer opens is shipped, so that the first start after an installation knows it too.
+Measured anew it takes three lasers of the full image, before which no image would be shown. That of the scene with
+which the viewer opens is shipped, so that the first start after an installation knows it too.
 """
 
 from __future__ import annotations
