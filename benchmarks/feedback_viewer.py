@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from holoview.commands import cli
 from holoview.commands.supervisor import supervise
 
 if TYPE_CHECKING:
@@ -76,6 +75,7 @@ def view() -> None:
 
 def view_in_state(words: Sequence[str]) -> int:
     """Opens the viewer and brings it into the state that the environment names."""
+    from holoview.commands import cli
     from holoview.viewer.app import run
 
     (name, started), open_app = json.loads(os.environ[STATE]), run.open_app

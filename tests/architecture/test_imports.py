@@ -41,7 +41,7 @@ DESCRIPTION = (
 """What describes a bench: importing it loads neither torch nor WebGPU."""
 GUIS = {"imgui_bundle", "rendercanvas", "glfw"}
 ENGINES = {"torch", "wgpu", *GUIS}
-SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "rich"}
+SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "jinja2", "rich"}
 
 SLOW = "starting: it takes a second to import, and what needs none of it shouldn't wait"
 OPTIONAL = "an optional library: the rest works without it"
@@ -65,6 +65,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.supervisor", "holoview.commands.cli"): SLOW,
     ("holoview.commands.console", "rich.console"): SLOW,
     ("holoview.commands.console", "rich.progress"): SLOW,
+    ("holoview.viewer.page.page", "jinja2"): SLOW,
     ("holoview.viewer.render.page_images", "torch"): SLOW,
     ("holoview.holograms.view", "holoview.holograms.files.light_writer"): OPTIONAL,
     ("holoview.holograms.view", "holoview.light.engine.point_light"): SLOW,

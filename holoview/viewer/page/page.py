@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
@@ -291,6 +290,8 @@ def _html(
         f"style-src '{_digest(style)}'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
     )
+    import jinja2  # slow start: who opens a page, or the viewer, needs none
+
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
     document = json.dumps(page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
