@@ -110,7 +110,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.evidence.study.report", "pyarrow"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.bench.diagnose.report.display_gain"): SLOW,
     ("holoview.commands.diagnose", "holoview.bench.diagnose.report.html_report"): SLOW,
-    ("holoview.evidence.benchmark.frame_benchmark", "holoview.holograms.optimise.chain_loop"): OPTIONAL,
+    ("holoview.evidence.benchmark.frame_benchmark", "holoview.holograms.optimise.chain_executor"): OPTIONAL,
     ("holoview.evidence.benchmark.report_run", "holoview.evidence.benchmark.optimiser_iteration"): OPTIONAL,
     ("holoview.evidence.benchmark.report_run", "holoview.evidence.benchmark.time_to_quality"): OPTIONAL,
     ("holoview.commands.bench", "holoview.evidence.benchmark.time_to_quality"): OPTIONAL,

@@ -464,7 +464,7 @@ def stage_loop(plan: Plan, drive: Any) -> Callable[[], NDArray[np.floating]]:
     Returns a function that computes XYZ (y, x, 3) of the plan's first plane; transfer functions are kept from its first
     call on.
     """
-    from holoview.holograms.optimise.chain_loop import ChainExecutor
+    from holoview.holograms.optimise.chain_executor import ChainExecutor
 
     executor = ChainExecutor(plan, FrameInputs(plan, drive))
 

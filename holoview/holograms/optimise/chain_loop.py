@@ -8,12 +8,11 @@ the share of the lasers' light in the picture, is told beside it, and so is the 
 
 from __future__ import annotations
 
-import copy
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from scipy import ndimage
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.adam import Adam
 from holoview.holograms.optimise.agreement import AgreementPenalty
+from holoview.holograms.optimise.chain_executor import ChainExecutor, power
 from holoview.holograms.optimise.checkpoint import (
     CHAIN_TENSORS,
     Checkpoint,
@@ -33,6 +33,7 @@ from holoview.holograms.optimise.checkpoint import (
 )
 from holoview.holograms.optimise.eyes import Places, drawn_pupils
 from holoview.holograms.optimise.field_loss import ComplexTarget, check_suits, infidelity, split_target
+from holoview.holograms.optimise.kernel_choice import choose_kernels
 from holoview.holograms.optimise.lasers import check_effects, next_amplitudes
 from holoview.holograms.optimise.objective import (
     AmplitudeLeastSquares,
@@ -42,6 +43,7 @@ from holoview.holograms.optimise.objective import (
 )
 from holoview.holograms.optimise.plane_turns import planes_in_turn
 from holoview.holograms.optimise.problem import plan_for
+from holoview.holograms.optimise.propagation import Kernels
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.wavelengths import (
     FreeWavelengths,
@@ -49,15 +51,12 @@ from holoview.holograms.optimise.wavelengths import (
     check_wavelength_search,
 )
 from holoview.light.engine.frame import spectrum_behind_modulators
-from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.drives import chain_drives
 from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Element, PhaseModulator
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.observers import drawn_people
-from holoview.light.optics.bench import pupil_with_effects, relay_response
 from holoview.light.optics.chain import ChainTransmissions
-from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.light.optics.slm import eyebox_order, nearest_level
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
@@ -266,6 +265,7 @@ class ChainProblem:
         *,
         double: bool = False,
         places_m: Places | None = None,
+        kernels: Kernels | None = None,
     ) -> None:
         stack, complex_target = split_target(stack)
         if complex_target is not None:
@@ -279,8 +279,8 @@ class ChainProblem:
         steps = len(self.plan.planes) + 2 * len(self.plan.way.steps)
         require_memory("optimisation", samples * steps * _BYTES, remedy="lower shape, upsample, frames or wavelengths")
         self.objective: Objective = make_objective(self.plan, stack, settings, device=device, double=double)
-        self._make_executor = partial(ChainExecutor, double=double, device=device)
-        self._executor = self._make_executor(self.plan, _dark_inputs(self.plan))
+        self.kernels, self._double, self._device = kernels or choose_kernels(device), double, device
+        self._executor = self._make_executor()
         self._relative_step = _RELATIVE_STEP[double]
         people = drawn_people(settings.observers) if settings.observers else []
         self._agreement = AgreementPenalty(people, self.objective.loss) if people else None
@@ -288,6 +288,9 @@ class ChainProblem:
         self._share = 1.0 / (system.frames * len(self.plan.slopes))
         self._fields = None if complex_target is None else complex_target.of_lasers(self.lasers).to(device)
         self._has_levels = any(getattr(element, "levels", None) is not None for element in system.elements)
+
+    def _make_executor(self) -> ChainExecutor:
+        return self.kernels.chain_executor(self.plan, double=self._double, device=self._device)
 
     def planes_of(self, iteration: int, *, is_whole: bool) -> tuple[int, ...] | None:
         """The planes that count in an iteration; None: all. is_whole: whether it needs all of them."""
@@ -299,7 +302,7 @@ class ChainProblem:
     def set_wavelengths(self, wavelengths_m: Floats) -> None:
         """Changes to other wavelengths (wavelength,) on the same grid."""
         self.plan = self._plan_at(wavelengths_m)
-        self._executor = self._make_executor(self.plan, _dark_inputs(self.plan))
+        self._executor = self._make_executor()
         self.objective.wavelength_channels = channels_of_wavelengths(
             self.objective.loss, self.plan, self.objective.target
         )
@@ -371,17 +374,16 @@ class ChainProblem:
             squares, powers = [], []
             for source in range(len(self.plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-                powers.append(_power(spectrum.values * executor.stops(wavelength).abs()))
-                seen = [
-                    executor.field(executor.transmit(spectrum, last, wavelength, plane), last).values
-                    for plane in chosen
-                ]
-                squares.append(torch.stack([_power(field) for field in seen]))
-                if self._fields is not None:
-                    wanted = self._fields[list(chosen), laser].to(seen[0])
-                    missed.append(infidelity(torch.stack(seen)[inside], wanted[inside]))
-            intensity.append(self._share * torch.stack(squares).sum(dim=0))
-            spectra.append(self._share * torch.stack(powers).sum(dim=0))
+                powers.append(power(spectrum.values * executor.passed(wavelength)))
+                if self._fields is None:
+                    squares.append(executor.intensities(spectrum, wavelength, chosen))
+                    continue
+                seen = executor.fields(spectrum, wavelength, chosen)
+                squares.append(power(seen))
+                wanted = self._fields[list(chosen), laser].to(seen)
+                missed.append(infidelity(seen[inside], wanted[inside]))
+            intensity.append(self._share * _sum(squares))
+            spectra.append(self._share * _sum(powers))
         losses = torch.stack(missed).mean(dim=0) if missed else None
         return ChainLight(torch.stack(intensity), torch.stack(spectra), planes, losses)
 
@@ -482,68 +484,6 @@ class ChainLight:
         self.intensity, self.spectra, self.planes, self.missed = intensity, spectra, planes, missed
 
 
-class ChainExecutor(TorchExecutor):
-    """Keeps the transfer functions and stops of all wavelengths; each plane is seen by an eye of its own."""
-
-    _stops_of: Plan | None = None
-
-    def held_at(self, plan: Plan) -> ChainExecutor:
-        """The executor of a plan of other wavelengths, whose stops pass the frequencies that these pass."""
-        moved = self._with_plan(plan)
-        moved._stops_of = self.plan
-        return moved
-
-    def seen_from(self, plan: Plan) -> ChainExecutor:
-        """The executor of a plan whose planes are seen from other places of the pupil (`Plan.seen_from`)."""
-        moved, last = self._with_plan(plan), plan.way.last
-        to_planes = (self.derived_transfer.__name__, last)
-        moved._all_kept = {key: one for key, one in self._all_kept.items() if key[:2] != to_planes}
-        return moved
-
-    def _with_plan(self, plan: Plan) -> ChainExecutor:
-        moved = copy.copy(self)
-        moved.plan, moved.inputs = plan, _dark_inputs(plan)
-        moved._modulators = moved.inputs
-        moved._all_kept = {}
-        return moved
-
-    def transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
-        """As there."""
-        return self._kept(self.derived_transfer, relay, wavelength, plane)
-
-    def derived_transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
-        """As there."""
-        found, held = (plan.transfer(relay, wavelength, plane) for plan in (self.plan, self._stops_of or self.plan))
-        transfer, eye = replace(found, support=held.support), self.plan.planes[plane].eye
-        if relay != self.plan.way.last or eye == self.plan.nominal.eye:
-            return self._response(transfer, relay, wavelength)
-        pupil = pupil_with_effects(self.plan, relay, wavelength, eye)
-        return relay_response(transfer, *self._frequency_tensors(relay), pupil, self.dtype)
-
-    def stops(self, wavelength: int, relay: int | None = None) -> Tensor:
-        """As there."""
-        return self._kept(self._derived_stops, wavelength, self.plan.way.last if relay is None else relay)
-
-    def _derived_stops(self, wavelength: int, relay: int) -> Tensor:
-        found, held = (plan.stops(relay, wavelength) for plan in (self.plan, self._stops_of or self.plan))
-        return self._response(replace(found, support=held.support), relay, wavelength)
-
-    def _kept(self, derive: Any, *arguments: Any) -> Tensor:
-        key = (derive.__name__, *arguments)
-        if key not in self._all_kept:
-            self._all_kept[key] = derive(*arguments)
-        return self._all_kept[key]
-
-    @cached_property
-    def _all_kept(self) -> dict[Any, Tensor]:
-        return {}
-
-
-def _dark_inputs(plan: Plan) -> FrameInputs:
-    """Inputs of dark patterns, in whose place others are shown."""
-    return FrameInputs(plan, {name: np.zeros(shape) for name, shape in plan.nominal.drive_shapes.items()})
-
-
 def _check_wavelength_range(system: System, settings: Settings) -> None:
     """Raises UserError for a range of wavelengths where the observer has no data, or that lenses can't take."""
     check_wavelength_search(system.observer, settings)
@@ -556,8 +496,9 @@ def _check_wavelength_range(system: System, settings: Settings) -> None:
             raise error.inside("wavelength range: ") from error
 
 
-def _power(values: Tensor) -> Tensor:
-    return values.real.square() + values.imag.square()
+def _sum(parts: list[Tensor]) -> Tensor:
+    """The sum of tensors of equal shape; of one, itself."""
+    return parts[0] if len(parts) == 1 else torch.stack(parts).sum(dim=0)
 
 
 def _variation(blocks: Tensor) -> Tensor:

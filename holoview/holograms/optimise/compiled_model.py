@@ -25,6 +25,8 @@ from holoview.holograms.optimise.beams import (
     make_rows,
     strided_view,
 )
+from holoview.holograms.optimise.chain_executor import ChainExecutor, dark_inputs
+from holoview.holograms.optimise.compiled_chain import CompiledChain, fits_chain_passes
 from holoview.holograms.optimise.lasers import Laser
 from holoview.holograms.optimise.propagation import Kernels, ModulatorLight, PlanePropagation
 from holoview.holograms.optimise.vector_fft import LANES, has_fft
@@ -233,6 +235,11 @@ class CompiledKernels(Kernels):
 
     def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
         return fits_passes(axes)
+
+    def chain_executor(self, plan: Plan, *, double: bool, device: str) -> ChainExecutor:
+        if not fits_chain_passes(plan):
+            return super().chain_executor(plan, double=double, device=device)
+        return CompiledChain(plan, dark_inputs(plan), double=double)
 
     def mix(self, fields: Tensor, weights: Tensor) -> Tensor:
         image = weights.new_empty(weights.shape[1], *fields.shape[2:])

@@ -23,7 +23,8 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.holograms.hologram import Hologram
-from holoview.holograms.optimise.chain_loop import ChainExecutor, ChainProblem, check_whole_picture
+from holoview.holograms.optimise.chain_executor import ChainExecutor
+from holoview.holograms.optimise.chain_loop import ChainProblem, check_whole_picture
 from holoview.holograms.optimise.forward_model import AutogradModel, ForwardModel, ProcessRows
 from holoview.holograms.optimise.lasers import Laser
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem

@@ -166,9 +166,14 @@ class ThreadTeam:
         self._threads = threads if device.type == "cpu" else 1
         self._pools: dict[int, ThreadPoolExecutor] = {}
 
+    @property
+    def size(self) -> int:
+        """How many threads there are."""
+        return torch.get_num_threads() if self._threads is None else self._threads
+
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """The results (item,) of a function that may be called in several threads at a time."""
-        size = min(torch.get_num_threads() if self._threads is None else self._threads, len(items))
+        size = min(self.size, len(items))
         if size <= 1:
             return [function(item) for item in items]
         return list(self._pool(size).map(function, items))

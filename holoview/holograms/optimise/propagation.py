@@ -27,6 +27,7 @@ from holoview.holograms.optimise.beams import (
     samples_a_pixel,
     slices,
 )
+from holoview.holograms.optimise.chain_executor import ChainExecutor, dark_inputs
 from holoview.holograms.optimise.lasers import Laser
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.resample import upsample_nearest
@@ -288,6 +289,10 @@ class Kernels:
     def has_passes(self, axes: tuple[SpectralAxis, SpectralAxis]) -> bool:
         """Whether compiled passes do the transforms along these axes, and the operations between them."""
         return False
+
+    def chain_executor(self, plan: Plan, *, double: bool, device: str) -> ChainExecutor:
+        """The stages of a chain."""
+        return ChainExecutor(plan, dark_inputs(plan), double=double, device=device)
 
     def mix(self, fields: Tensor, weights: Tensor) -> Tensor:
         """The image (channel, row, x) Σ weight·|E|². weights (beam, channel): of each laser from each source."""

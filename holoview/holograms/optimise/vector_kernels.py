@@ -53,13 +53,13 @@ numbers in the block before it, and the places of the results behind it."""
 
 
 def line_to_band(axis: PrunedAxis, *, forward: bool, double: bool) -> Line:
-    """From the window, which begins with the first sample, to the band."""
-    return _line(axis.padded, np.arange(axis.count), _band(axis), forward, double)
+    """From the window to the band."""
+    return _line(axis.padded, _window(axis), _band(axis), forward, double)
 
 
 def line_to_window(axis: PrunedAxis, *, forward: bool, double: bool) -> Line:
-    """From the band to the window, which begins with the first sample."""
-    return _line(axis.padded, _band(axis), np.arange(axis.count), forward, double)
+    """From the band to the window."""
+    return _line(axis.padded, _band(axis), _window(axis), forward, double)
 
 
 def _line(length: int, places: NDArray[np.int64], results: NDArray[np.int64], forward: bool, double: bool) -> Line:
@@ -79,6 +79,10 @@ def plane_line(axis: PrunedAxis, *, double: bool) -> Line:
     return plan.radices, plan.roots, plan.starts, samples, plan.places[: axis.frequencies], plan.places[: axis.count]
 
 
+def _window(axis: PrunedAxis) -> NDArray[np.int64]:
+    return axis.offset + np.arange(axis.count)
+
+
 def _band(axis: PrunedAxis) -> NDArray[np.int64]:
     return (axis.lowest + np.arange(axis.frequencies)) % axis.padded
 
@@ -87,7 +91,7 @@ def _band(axis: PrunedAxis) -> NDArray[np.int64]:
 
 
 @compiled
-def _load_columns(block: Any, flat: Any, at: Any, stride: Any, places: Any) -> None:
+def load_columns(block: Any, flat: Any, at: Any, stride: Any, places: Any) -> None:
     """`LANES` columns from index `at` on: row i to places[i], zero elsewhere."""
     if places.size * BLOCK < block.size:
         block[:] = 0
@@ -98,7 +102,7 @@ def _load_columns(block: Any, flat: Any, at: Any, stride: Any, places: Any) -> N
 
 
 @compiled
-def _store_columns(block: Any, flat: Any, at: Any, stride: Any, results: Any, scale: Any, columns: Any) -> None:
+def store_columns(block: Any, flat: Any, at: Any, stride: Any, results: Any, scale: Any, columns: Any) -> None:
     """The opposite, times a factor, of the first `columns` of them."""
     factor, line = splat(scale), np.empty(BLOCK, block.dtype)
     for row in range(results.size):
@@ -113,7 +117,7 @@ def _store_columns(block: Any, flat: Any, at: Any, stride: Any, results: Any, sc
 
 
 @compiled
-def _load_rows(block: Any, flat: Any, at: Any, stride: Any, count: Any, places: Any, squares: Any) -> None:
+def load_rows(block: Any, flat: Any, at: Any, stride: Any, count: Any, places: Any, squares: Any) -> None:
     """`LANES` rows from index `at` on: number i of a row to places[i], zero elsewhere. Only `count` rows exist."""
     if places.size * BLOCK < block.size:
         block[:] = 0
@@ -131,7 +135,7 @@ def _load_rows(block: Any, flat: Any, at: Any, stride: Any, count: Any, places: 
 
 
 @compiled
-def _store_rows(block: Any, flat: Any, at: Any, stride: Any, count: Any, results: Any, squares: Any) -> None:
+def store_rows(block: Any, flat: Any, at: Any, stride: Any, count: Any, results: Any, squares: Any) -> None:
     """The opposite, of the first `count` rows."""
     for first in range(0, results.size, _HALF):
         start = min(first, results.size - _HALF)  # the last numbers of a row are written twice
@@ -159,9 +163,9 @@ def transform_columns(
             at = laser * source_strides[0] + beam * source_strides[1]
             to = laser * target_strides[0] + beam * target_strides[1]
             for column in range(0, columns, LANES):
-                _load_columns(a, source, at + 2 * column, source_strides[2], places)
+                load_columns(a, source, at + 2 * column, source_strides[2], places)
                 done = fft(a, b, radices, roots, starts)
-                _store_columns(done, target, to + 2 * column, target_strides[2], results, scale, columns - column)
+                store_columns(done, target, to + 2 * column, target_strides[2], results, scale, columns - column)
 
 
 @compiled
@@ -204,7 +208,7 @@ def move_columns(
             at, to = laser * line_strides[0] + beam * line_strides[1], laser * strides[0] + beam * strides[1]
             for column in range(0, columns, LANES):
                 if does[0]:
-                    _load_columns(a, lines, at + 2 * column, line_strides[2], window)
+                    load_columns(a, lines, at + 2 * column, line_strides[2], window)
                     done = fft(a, b, radices, roots, starts)
                     h = laser * before_strides[0] + 2 * column
                     _add_products(done, band, before, h, before_strides[1], rows, adjoints, to + 2 * column, strides[2])
@@ -212,7 +216,7 @@ def move_columns(
                     h = laser * after_strides[0] + 2 * column
                     _load_products(a, rows, spectra, to + 2 * column, strides[2], after, h, after_strides[1])
                     done = fft(a, b, radices, roots, starts)
-                    _store_columns(done, lines, at + 2 * column, line_strides[2], shown, one, LANES)
+                    store_columns(done, lines, at + 2 * column, line_strides[2], shown, one, LANES)
 
 
 @compiled
@@ -434,7 +438,7 @@ def evaluate_rows(
         for beam in range(beams[0] * beams[1]):
             at = beam // beams[1] * strides[0] + beam % beams[1] * strides[1] + row * strides[2]
             first, second = (fields[beam], b) if radices.size % 2 == 0 else (b, fields[beam])
-            _load_rows(first, lines, at, strides[2], count, frequencies, squares)
+            load_rows(first, lines, at, strides[2], count, frequencies, squares)
             fft(first, second, radices, roots, starts)  # ends in `fields`
         for x in range(0, shown.size, LANES):
             start = min(x, shown.size - LANES)
@@ -455,7 +459,7 @@ def evaluate_rows(
         for beam in range(beams[0] * beams[1]):
             _load_adjoint(a, fields[beam], shown, weights[beam], factor, slopes)
             at = beam // beams[1] * strides[0] + beam % beams[1] * strides[1] + row * strides[2]
-            _store_rows(fft(a, b, radices, roots, starts), lines, at, strides[2], count, band, squares)
+            store_rows(fft(a, b, radices, roots, starts), lines, at, strides[2], count, band, squares)
     norms[0], norms[1] = _root_of_sum(sums[:LANES]), _root_of_sum(sums[LANES:])
 
 
@@ -474,10 +478,10 @@ def transform_rows(source: Any, source_strides: Any, target: Any, target_strides
             for row in range(0, shape[2], LANES):
                 count = min(LANES, shape[2] - row)
                 at = laser * source_strides[0] + beam * source_strides[1] + row * source_strides[2]
-                _load_rows(a, source, at, source_strides[2], count, places, squares)
+                load_rows(a, source, at, source_strides[2], count, places, squares)
                 done = fft(a, b, radices, roots, starts)
                 at = laser * target_strides[0] + beam * target_strides[1] + row * target_strides[2]
-                _store_rows(done, target, at, target_strides[2], count, results, squares)
+                store_rows(done, target, at, target_strides[2], count, results, squares)
 
 
 @compiled
@@ -510,7 +514,7 @@ def spread_columns(
         for beam in range(beams[1]):
             at = laser * pixel_strides[0] + beam * pixel_strides[1]
             for column in range(0, widths[0], LANES):
-                _load_columns(a, pixels, at + 2 * column, pixel_strides[2], places)
+                load_columns(a, pixels, at + 2 * column, pixel_strides[2], places)
                 spectrum = fft(a, b, radices, roots, starts)
                 for tile in range(0, widths[1], widths[0]):
                     columns = min(widths[0], widths[1] - tile) - column
@@ -522,9 +526,9 @@ def spread_columns(
                     _multiply_tile(spectrum, results, period, factors, h, factor_strides[1], c, spots)
                     if does_transform:
                         done = fft(c, d, gap_radices, gap_roots, gap_starts)
-                        _store_columns(done, target, to, target_strides[2], window, scale, columns)
+                        store_columns(done, target, to, target_strides[2], window, scale, columns)
                     else:
-                        _store_columns(c, target, to, target_strides[2], natural, one, columns)
+                        store_columns(c, target, to, target_strides[2], natural, one, columns)
 
 
 @compiled
@@ -576,15 +580,15 @@ def gather_columns(
                     at = laser * source_strides[0] + beam * source_strides[1] + 2 * (tile + column)
                     h = laser * factor_strides[0] + tile // widths[0] * factor_strides[2] + 2 * column
                     if does_transform:
-                        _load_columns(c, source, at, source_strides[2], window)
+                        load_columns(c, source, at, source_strides[2], window)
                         done = fft(c, d, gap_radices, gap_roots, gap_starts)
                         _fold_tile(done, band, factors, h, factor_strides[1], scale, a, places, period)
                     else:
-                        _load_columns(c, source, at, source_strides[2], natural)
+                        load_columns(c, source, at, source_strides[2], natural)
                         _fold_tile(c, natural, factors, h, factor_strides[1], one, a, places, period)
                 done = fft(a, b, radices, roots, starts)
                 to = laser * pixel_strides[0] + beam * pixel_strides[1] + 2 * column
-                _store_columns(done, pixels, to, pixel_strides[2], results, one, widths[0] - column)
+                store_columns(done, pixels, to, pixel_strides[2], results, one, widths[0] - column)
 
 
 @compiled
@@ -674,7 +678,7 @@ def modulate_rows(
             _load_pixels(phasors, pixels, at, pixel_strides[1], row, count, upsample, size, squares)
             for beam in range(shape[1]):
                 at = laser * gap_strides[0] + beam * gap_strides[1] + row * gap_strides[2]
-                _load_rows(a, gap, at, gap_strides[2], count, places, squares)
+                load_rows(a, gap, at, gap_strides[2], count, places, squares)
                 done = fft(a, b, radices, roots, starts)
                 other = b if done is a else a
                 if window.size < length:
@@ -686,7 +690,7 @@ def modulate_rows(
                     store_product(c, to, real, imaginary, u, v)
                 done = fft(c, other, last_radices, last_roots, last_starts)
                 at = laser * strides[0] + beam * strides[1] + row * strides[2]
-                _store_rows(done, lines, at, strides[2], count, results, squares)
+                store_rows(done, lines, at, strides[2], count, results, squares)
 
 
 @compiled
@@ -727,17 +731,17 @@ def backpropagate_rows(
             for beam in range(shape[1]):
                 at = laser * gap_strides[0] + beam * gap_strides[1] + row * gap_strides[2]
                 to = laser * strides[0] + beam * strides[1] + row * strides[2]
-                _load_rows(a, gap, at, gap_strides[2], count, places, squares)
+                load_rows(a, gap, at, gap_strides[2], count, places, squares)
                 field = fft(a, b, radices, roots, starts)
                 free = b if field is a else a
-                _load_rows(c, lines, to, strides[2], count, last_places, squares)
+                load_rows(c, lines, to, strides[2], count, last_places, squares)
                 adjoint = fft(c, d, last_radices, last_roots, last_starts)
                 other = d if adjoint is c else c
                 if window.size < length:
                     free[:] = 0
                 _meet_pixels(field, window, adjoint, last_window, phasors, upsample, scale, free, sums)
                 done = fft(free, other, radices, roots, starts)
-                _store_rows(done, gap, at, gap_strides[2], count, band, squares)
+                store_rows(done, gap, at, gap_strides[2], count, band, squares)
                 at = laser * product_strides[0] + beam * product_strides[1]
                 _add_pixel_rows(sums, products, at, product_strides[2], row, count, upsample, size, squares)
 

@@ -82,7 +82,7 @@ class TorchPropagation(ABC):
         self.plan, self._modulators = plan, modulators
         self._device = torch.device(device)
         self.dtype = torch.complex128 if double else torch.complex64
-        self.transforms = [PrunedTransform(_axes(plan, relay)) for relay in range(len(plan.relays))]
+        self.transforms = [PrunedTransform(relay_axes(plan, relay)) for relay in range(len(plan.relays))]
 
     def illuminate(self, wavelength: int, source: int) -> TorchField:
         """The plane wave of unit amplitude that illuminates the first modulator."""
@@ -267,7 +267,7 @@ def spectrum_power(spectrum: torch.Tensor, passed: torch.Tensor | None) -> float
     return float(torch.linalg.vector_norm(torch.view_as_real(values), dim=(1, 2)).double().square().sum())
 
 
-def _axes(plan: Plan, relay: int) -> tuple[PrunedAxis, PrunedAxis]:
+def relay_axes(plan: Plan, relay: int) -> tuple[PrunedAxis, PrunedAxis]:
     """The axes (y, x) of a relay's transform."""
     grid, band = plan.grid, plan.band(relay)
     y, x = (

@@ -223,15 +223,21 @@ def pixel_transmission(element: ComplexModulator, drive: Tensor, wavelength_m: f
 def placed(plan: Plan, element: Pixels, samples: Tensor) -> Tensor:
     """The samples of an element at those (y, x) of the field, which are 0 beside it."""
     grid = plan.grid
-    starts = [
-        round((n - m) / 2 + off / grid.pitch_m)
-        for n, m, off in zip(grid.shape, samples.shape, element.offset_m, strict=True)
-    ]
+    starts = first_sample(plan, element, samples.shape)
     if samples.shape == grid.shape:
         return samples
     edges = [starts[1], grid.shape[1] - starts[1] - samples.shape[1]]
     edges += [starts[0], grid.shape[0] - starts[0] - samples.shape[0]]
     return torch.nn.functional.pad(samples, edges)
+
+
+def first_sample(plan: Plan, element: Pixels, shape: Sequence[int]) -> tuple[int, int]:
+    """The sample (y, x) of the field at which the first of an element's samples, so many (y, x), stands."""
+    y, x = (
+        round((n - m) / 2 + off / plan.grid.pitch_m)
+        for n, m, off in zip(plan.grid.shape, shape, element.offset_m, strict=True)
+    )
+    return y, x
 
 
 def _quadratic(grid: Grid, rate: float) -> Tensor:

@@ -1,0 +1,366 @@
+"""The stages of a chain in the compiled passes of `chain_kernels`, each with its adjoint for torch's derivatives.
+
+`engine.frame` lists the stages; `CompiledChain` computes them. What leads from the pixels of an element to their
+transmission is small, and torch's. Effects may change the samples of an element: then torch computes these, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch.autograd.function import once_differentiable
+
+from holoview.holograms.optimise.beams import FlatView, KeptRows, make_rows, padded_rows, row_pitch, strided_view
+from holoview.holograms.optimise.chain_executor import ChainExecutor
+from holoview.holograms.optimise.chain_kernels import (
+    filter_columns,
+    modulate,
+    return_to_field,
+    return_to_pixels,
+    show_rows,
+    slope_rows,
+)
+from holoview.holograms.optimise.parallel import MIN_SAMPLES_FOR_TEAM, ThreadTeam, thread_count
+from holoview.holograms.optimise.vector_fft import LANES, has_fft
+from holoview.holograms.optimise.vector_kernels import (
+    line_to_band,
+    line_to_window,
+    transform_columns,
+    transform_rows,
+    write_phasors,
+)
+from holoview.light.engine.frame import relay_behind
+from holoview.light.engine.torch_executor import TorchField, relay_axes
+from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, PhaseModulator, Pixels
+from holoview.light.model.plan import Plan
+from holoview.light.numerics.fourier import PrunedAxis
+from holoview.light.numerics.sampling import ceil_div
+from holoview.light.optics.bench import plane_wave
+from holoview.light.optics.chain import ChainTransmissions, first_sample, pixel_transmission
+from holoview.light.optics.frame_inputs import FrameInputs
+
+Tensor = torch.Tensor
+Place = tuple[int, int, int, int, int]
+"""Rows and columns of pixels, samples of one along an axis, and the first sample (y, x) in the field."""
+
+
+def fits_chain_passes(plan: Plan) -> bool:
+    """Whether the passes compute a chain: FFTs without factors above 5, and light that fills a vector."""
+    axes = [axis for relay in range(len(plan.relays)) for axis in relay_axes(plan, relay)]
+    return all(has_fft(axis.padded) and min(axis.count, axis.frequencies) >= LANES for axis in axes)
+
+
+@dataclass(frozen=True)
+class _Unfiltered(TorchField):
+    """The field before a relay, in place of its spectrum: the passes of a relay compute both. transfer: H, if known."""
+
+    transfer: Tensor | None = None
+
+
+class CompiledChain(ChainExecutor):
+    """`ChainExecutor` in compiled passes, for a plan that they fit."""
+
+    def __init__(self, plan: Plan, inputs: FrameInputs, *, double: bool = False) -> None:
+        super().__init__(plan, inputs, double=double)
+        team = ThreadTeam(self._device, thread_count(int(np.prod(plan.grid.padded)), MIN_SAMPLES_FOR_TEAM))
+        like = torch.empty(0, dtype=self.dtype)
+        self._passes = [_Passes(relay_axes(plan, relay), like, team) for relay in range(len(plan.relays))]
+
+    def illuminate(self, wavelength: int, source: int) -> TorchField:
+        """As there."""
+        own = (wavelength, source) if self.plan.slopes.any() else (0, 0)  # all are 1 on the axis
+        return TorchField(self._kept(self._wave, *own))
+
+    def modulate(self, field: TorchField, frame: int, modulator: int, wavelength: int) -> TorchField:
+        """As there."""
+        return TorchField(_Modulated.apply(field.values, *self._pixels(frame, modulator, wavelength)))
+
+    def spectrum(self, field: TorchField, modulator: int) -> TorchField:
+        """As there, behind the last element; before a relay the field itself."""
+        relay = relay_behind(self.plan, modulator)
+        if relay < self.plan.way.last:
+            return _Unfiltered(field.values)
+        return TorchField(_Spectrum.apply(field.values, self._passes[relay]))
+
+    def transmit(self, spectrum: TorchField, relay: int, wavelength: int, plane: int = 0) -> TorchField:
+        """As there."""
+        if isinstance(spectrum, _Unfiltered):
+            return replace(spectrum, transfer=self.transfer(relay, wavelength, plane))
+        return super().transmit(spectrum, relay, wavelength, plane)
+
+    def field(self, spectrum: TorchField, relay: int) -> TorchField:
+        """As there."""
+        if isinstance(spectrum, _Unfiltered):
+            return TorchField(_Relayed.apply(spectrum.values, spectrum.transfer, self._passes[relay]))
+        return super().field(spectrum, relay)
+
+    def intensities(self, spectrum: TorchField, wavelength: int, planes: Sequence[int]) -> Tensor:
+        """As there."""
+        last = self.plan.way.last
+        factors = [self.transfer(last, wavelength, plane) for plane in planes]
+        shown: Tensor = _Shown.apply(spectrum.values, factors, self._passes[last])
+        return shown
+
+    def derived_transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
+        """As there, in rows for the passes."""
+        return _in_rows(super().derived_transfer(relay, wavelength, plane))
+
+    def _wave(self, wavelength: int, source: int) -> Tensor:
+        return plane_wave(self.plan, wavelength, source, self.dtype, self._device)
+
+    def _static(self, number: int, wavelength: int) -> Tensor:
+        return self._transmissions.sampled_transmission(0, number, wavelength).to(self.dtype)
+
+    @property
+    def _transmissions(self) -> ChainTransmissions:
+        transmissions = self.inputs.sampled_transmissions
+        assert isinstance(transmissions, ChainTransmissions)
+        return transmissions
+
+    def _pixels(self, frame: int, number: int, wavelength: int) -> tuple[Tensor, Place]:
+        """The transmission (y, x) at a step of the way, of pixels or of samples, and its place in the field."""
+        of, grid = self.plan.way.transmissions[number], self.plan.grid
+        elements = [e for e in (of.element, *of.beside) if isinstance(e, Pixels)]
+        driven, whole = [e for e in elements if e.is_driven], (*grid.shape, 1, 0, 0)
+        if not driven:
+            return self._kept(self._static, number, wavelength), whole
+        places = {(e.pitch_m, e.shape, e.offset_m) for e in elements}
+        if self.plan.nominal.effects or len(driven) < 1 + len(of.beside) or len(places) > 1:
+            samples = self._transmissions.sampled_transmission(frame, number, wavelength)
+            return samples.to(self.dtype).contiguous(), whole
+        first, *others = (self._of_pixels(element, frame, wavelength) for element in driven)
+        pixels = torch.stack([first, *others]).mean(dim=0) if others else first
+        size = round(driven[0].pitch_m / grid.pitch_m)
+        shape = (int(pixels.shape[0]), int(pixels.shape[1]))
+        return pixels, (*shape, size, *first_sample(self.plan, driven[0], (shape[0] * size, shape[1] * size)))
+
+    def _of_pixels(self, element: Pixels, frame: int, wavelength: int) -> Tensor:
+        """The transmission (y, x) of the pixels of an element without effects."""
+        sent, λ = self._transmissions.sent(element, frame), float(self.plan.system.wavelengths_m[wavelength])
+        if isinstance(element, PhaseModulator):
+            phasors: Tensor = _Phasors.apply(sent, element.stroke_m / λ, self.dtype)
+            return phasors
+        if isinstance(element, ComplexModulator):
+            return pixel_transmission(element, sent, λ).to(self.dtype)
+        assert isinstance(element, AmplitudeModulator)
+        passing: Tensor = element.amplitude_of(sent).to(self.dtype)
+        return passing
+
+
+# --- passes ----------------------------------------------------------------------------------------------------------
+
+
+class _Passes:
+    """The passes over fields (y, x) before or behind a relay, and its spectra (k_y, k_x), which are `padded_rows`."""
+
+    def __init__(self, axes: tuple[PrunedAxis, PrunedAxis], like: Tensor, team: ThreadTeam) -> None:
+        self._y, self._x = axes
+        self._like, self._team, self._kept = like, team, KeptRows(like)
+        double = like.dtype == torch.complex128
+        to_band = [line_to_band(axis, forward=True, double=double) for axis in axes]
+        to_window = [line_to_window(axis, forward=False, double=double) for axis in axes]
+        self.y_lines, (self._x_to_band, self._x_to_window) = (to_band[0], to_window[0]), (to_band[1], to_window[1])
+        self._number = np.float64 if double else np.float32
+        self._scale = 1 / (self._y.padded * self._x.padded)
+
+    def field(self, *planes: int) -> Tensor:
+        """Room for fields (…, y, x)."""
+        return padded_rows(*planes, self._y.count, self._x.count, like=self._like)
+
+    def filtered(self, field: Tensor, transfer: Tensor, sign: int) -> Tensor:
+        """C·F⁻¹·H·F·Z of a field, of the conjugate of H where the sign is −1."""
+        lines = self._to_lines(field)
+        self._filter(lines, transfer, sign, lines, (True, True))
+        return self._from_lines(lines)
+
+    def to_spectrum(self, field: Tensor) -> Tensor:
+        """F·Z of a field."""
+        spectrum = padded_rows(self._y.frequencies, self._x.frequencies, like=self._like)
+        self._transform_columns(self._to_lines(field), strided_view(spectrum), self.y_lines[0])
+        return spectrum
+
+    def from_spectrum(self, spectrum: Tensor) -> Tensor:
+        """Its adjoint."""
+        lines = self._lines()
+        self._transform_columns(strided_view(_in_rows(spectrum)), lines, self.y_lines[1])
+        return self._from_lines(lines)
+
+    def show(self, spectrum: Tensor, transfer: Tensor, field: Tensor, intensity: Tensor) -> None:
+        """Writes the field of a spectrum behind H, and its intensity."""
+        lines, (of_field, (step,)), (shown, (shown_step,)) = self._lines(), *map(strided_view, (field, intensity))
+        self._filter(strided_view(spectrum), transfer, 1, lines, (False, True))
+        views = (lines[0], lines[1][0], of_field, step, shown, shown_step)
+        self._over_rows(lambda rows: show_rows(*views, rows, self._x_to_window))
+
+    def add_slopes(self, field: Tensor, slopes: Tensor, transfer: Tensor, out: Tensor) -> None:
+        """Adds the adjoint of `show`: of slopes by the intensity (y, x), those by the spectrum."""
+        lines, (of_field, (step,)), (own, (own_step,)) = self._lines(), *map(strided_view, (field, slopes.contiguous()))
+        views = (of_field, step, own, own_step, lines[0], lines[1][0])
+        self._over_rows(lambda rows: slope_rows(*views, rows, self._x_to_band))
+        self._filter(lines, transfer, -1, strided_view(out), (True, False))
+
+    def _lines(self) -> FlatView:
+        return self._kept.of("lines", self._y.count, self._x.frequencies).flat
+
+    def _to_lines(self, field: Tensor) -> FlatView:
+        lines = self._lines()
+        self._transform_rows(strided_view(_in_rows(field)), lines, self._x_to_band)
+        return lines
+
+    def _from_lines(self, lines: FlatView) -> Tensor:
+        field = self.field()
+        self._transform_rows(lines, strided_view(field), self._x_to_window)
+        return field
+
+    def _transform_rows(self, source: FlatView, target: FlatView, line: Any) -> None:
+        (values, (step,)), (out, (out_step,)) = source, target
+
+        def transform(rows: tuple[int, int]) -> None:
+            part, to = values[rows[0] * step :], out[rows[0] * out_step :]
+            transform_rows(part, (0, 0, step), to, (0, 0, out_step), (1, 1, rows[1] - rows[0]), line)
+
+        self._over_rows(transform)
+
+    def _transform_columns(self, source: FlatView, target: FlatView, line: Any) -> None:
+        (values, (step,)), (out, (out_step,)), one = source, target, self._number(1)
+
+        def transform(columns: tuple[int, int]) -> None:
+            part, to = values[2 * columns[0] :], out[2 * columns[0] :]
+            transform_columns(part, (0, 0, step), to, (0, 0, out_step), (1, 1), columns[1] - columns[0], line, one)
+
+        self._in_parts(transform, self._x.frequencies)
+
+    def _filter(self, source: FlatView, transfer: Tensor, sign: int, target: FlatView, does: tuple[bool, bool]) -> None:
+        factors, (factor_step,) = strided_view(transfer)
+        scales = (self._number(self._scale), self._number(sign * self._scale))
+        views = (source[0], source[1][0], factors, factor_step, scales, target[0], target[1][0])
+        self._in_parts(lambda columns: filter_columns(*views, columns, *self.y_lines, does), self._x.frequencies)
+
+    def _over_rows(self, function: Callable[[tuple[int, int]], None]) -> None:
+        self._in_parts(function, self._y.count)
+
+    def _in_parts(self, function: Callable[[tuple[int, int]], None], total: int) -> None:
+        """Calls a function with parts of some rows or columns, whole vectors each, in the threads of the team."""
+        size = ceil_div(ceil_div(total, LANES), self._team.size) * LANES
+        self._team.map(function, [(start, min(start + size, total)) for start in range(0, total, size)])
+
+
+def _in_rows(values: Tensor) -> Tensor:
+    """The same as `padded_rows`, which it may be already."""
+    values, (rows, count) = values.resolve_conj(), values.shape
+    pitch = row_pitch(count)
+    numbers = values.untyped_storage().nbytes() // values.element_size() - values.storage_offset()
+    if values.stride() == (pitch, 1) and numbers >= rows * pitch:
+        return values
+    padded = padded_rows(rows, count, like=values)
+    padded.copy_(values)
+    return padded
+
+
+# --- stages, and their adjoints --------------------------------------------------------------------------------------
+
+
+class _Phasors(torch.autograd.Function):
+    """exp(2πi·turns·drive) (y, x) of a drive in float64."""
+
+    @staticmethod
+    def forward(ctx: Any, drive: Tensor, turns: float, dtype: torch.dtype) -> Tensor:
+        pixels = torch.empty(drive.shape, dtype=dtype)
+        drives, (step,), (out, (out_step,)) = *strided_view(drive.detach().contiguous()), strided_view(pixels)
+        shape, first = (1, *drive.shape), np.zeros(1, np.int64)
+        write_phasors(drives, 0, (0, 0, step), first, np.array([turns]), out, (0, out_step), shape)
+        ctx.save_for_backward(pixels)
+        ctx.turns = turns
+        return pixels
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor, None, None]:
+        (pixels,) = ctx.saved_tensors
+        turned = slopes.imag * pixels.real - slopes.real * pixels.imag
+        return turned.mul_(2 * np.pi * ctx.turns).double(), None, None
+
+
+class _Modulated(torch.autograd.Function):
+    """A field times the transmission of pixels at a place."""
+
+    @staticmethod
+    def forward(ctx: Any, field: Tensor, pixels: Tensor, place: Place) -> Tensor:
+        out = make_rows(*field.shape, like=field)
+        _over_field(modulate, field, pixels, place, out.flat)
+        ctx.save_for_backward(field, pixels)
+        ctx.place = place
+        return out.values
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
+        (field, pixels), of_field, of_pixels = ctx.saved_tensors, None, None
+        slopes = slopes.resolve_conj()
+        if ctx.needs_input_grad[0]:
+            rows = make_rows(*field.shape, like=field)
+            _over_field(return_to_field, slopes, pixels, ctx.place, rows.flat)
+            of_field = rows.values
+        if ctx.needs_input_grad[1]:
+            of_pixels = torch.empty_like(pixels)
+            (own, (step,)), (light, (light_step,)), (out, (out_step,)) = map(strided_view, (slopes, field, of_pixels))
+            return_to_pixels(own, step, light, light_step, ctx.place, out, out_step)
+        return of_field, of_pixels, None
+
+
+def _over_field(function: Any, field: Tensor, pixels: Tensor, place: Place, out: FlatView) -> None:
+    (own, (step,)), (light, (light_step,)) = strided_view(field), strided_view(pixels)
+    function(own, step, light, light_step, place, out[0], out[1][0], tuple(field.shape))
+
+
+class _Relayed(torch.autograd.Function):
+    """The field behind a relay."""
+
+    @staticmethod
+    def forward(ctx: Any, field: Tensor, transfer: Tensor, passes: _Passes) -> Tensor:
+        ctx.transfer, ctx.passes = transfer, passes
+        return passes.filtered(field, transfer, 1)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor, None, None]:
+        return ctx.passes.filtered(slopes, ctx.transfer, -1), None, None
+
+
+class _Spectrum(torch.autograd.Function):
+    """The spectrum of a field in the band of a relay."""
+
+    @staticmethod
+    def forward(ctx: Any, field: Tensor, passes: _Passes) -> Tensor:
+        ctx.passes = passes
+        return passes.to_spectrum(field)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor, None]:
+        return ctx.passes.from_spectrum(slopes), None
+
+
+class _Shown(torch.autograd.Function):
+    """The intensity (plane, y, x) of a spectrum behind the transfer functions to some planes."""
+
+    @staticmethod
+    def forward(ctx: Any, spectrum: Tensor, factors: list[Tensor], passes: _Passes) -> Tensor:
+        fields, own = passes.field(len(factors)), _in_rows(spectrum)
+        intensity = torch.empty(fields.shape, dtype=own.real.dtype)
+        for transfer, field, shown in zip(factors, fields, intensity, strict=True):
+            passes.show(own, transfer, field, shown)
+        ctx.fields, ctx.factors, ctx.passes, ctx.shape = fields, factors, passes, own.shape
+        return intensity
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor, None, None]:
+        out = padded_rows(*ctx.shape, like=ctx.fields)
+        for transfer, field, own in zip(ctx.factors, ctx.fields, slopes, strict=True):
+            ctx.passes.add_slopes(field, own, transfer, out)
+        return out, None, None
