@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -48,9 +48,22 @@ class ChainExecutor(TorchExecutor):
         """E (plane, y, x) at some planes of the spectrum behind the last element."""
         return torch.stack([self._field_at(spectrum, wavelength, plane) for plane in planes])
 
-    def intensities(self, spectrum: TorchField, wavelength: int, planes: Sequence[int]) -> Tensor:
-        """|E|² (plane, y, x) there."""
+    def intensities(self, behind: Iterable[tuple[list[TorchField], int]], planes: Sequence[int]) -> Tensor:
+        """|E|² (laser, plane, y, x) there, summed over the sources of each laser.
+
+        behind: for each laser, the spectra of its light from each source behind the last element, and its wavelength.
+        """
+        lasers = []
+        for spectra, λ in behind:
+            lasers.append(summed_sources([self._intensity_of(spectrum, λ, planes) for spectrum in spectra]))
+        return torch.stack(lasers)
+
+    def _intensity_of(self, spectrum: TorchField, wavelength: int, planes: Sequence[int]) -> Tensor:
         return torch.stack([power(self._field_at(spectrum, wavelength, plane)) for plane in planes])
+
+    def passed_power(self, spectrum: TorchField, wavelength: int) -> Tensor:
+        """|W|² (rows, columns) of the spectrum behind the last element, behind the stops there."""
+        return power(spectrum.values * self.passed(wavelength))
 
     def _field_at(self, spectrum: TorchField, wavelength: int, plane: int) -> Tensor:
         last = self.plan.way.last
@@ -93,6 +106,11 @@ class ChainExecutor(TorchExecutor):
     @cached_property
     def _all_kept(self) -> dict[Any, Tensor]:
         return {}
+
+
+def summed_sources(parts: list[Tensor]) -> Tensor:
+    """The sum of tensors of equal shape; of one, itself."""
+    return parts[0] if len(parts) == 1 else torch.stack(parts).sum(dim=0)
 
 
 def power(values: Tensor) -> Tensor:

@@ -18,9 +18,7 @@ from holoview.holograms.optimise.vector_fft import (
     load,
     load_complex,
     multiply,
-    product,
     splat,
-    store,
     store_complex,
     store_product,
 )
@@ -78,9 +76,7 @@ def filter_columns(
 
 
 @compiled
-def _filter(
-    block: Any, found: Any, factors: Any, at: Any, stride: Any, scales: Any, target: Any, places: Any
-) -> None:
+def _filter(block: Any, found: Any, factors: Any, at: Any, stride: Any, scales: Any, target: Any, places: Any) -> None:
     """Numbers of a block times factors, into a block that is zero elsewhere."""
     if places.size * BLOCK < target.size:
         target[:] = 0
@@ -109,9 +105,17 @@ def _add_columns(block: Any, flat: Any, at: Any, stride: Any, count: Any, column
 
 @compiled
 def show_rows(
-    lines: Any, stride: Any, fields: Any, field_stride: Any, intensity: Any, shown_stride: Any, rows: Any, line: Any
+    lines: Any,
+    stride: Any,
+    fields: Any,
+    field_stride: Any,
+    intensity: Any,
+    shown_stride: Any,
+    adds: Any,
+    rows: Any,
+    line: Any,
 ) -> None:
-    """Rows of lines transformed to the fields E (y, x), and their intensity |E|².
+    """Rows of lines transformed to the fields E (y, x), and their intensity |E|², which is added to that there if adds.
 
     rows: the first, and the one behind the last.
     """
@@ -127,8 +131,10 @@ def show_rows(
         for y in range(row, row + count):
             field = fields[y * field_stride : y * field_stride + 2 * window.size]
             shown = intensity[y * shown_stride : y * shown_stride + window.size]
+            if not adds:
+                shown[:] = 0
             for x in range(window.size):
-                shown[x] = field[2 * x] * field[2 * x] + field[2 * x + 1] * field[2 * x + 1]
+                shown[x] += field[2 * x] * field[2 * x] + field[2 * x + 1] * field[2 * x + 1]
 
 
 @compiled
@@ -152,6 +158,17 @@ def slope_rows(
                 own[2 * x + 1] = twice * field[2 * x + 1]
         load_rows(a, sloped, 0, width, count, places, squares)
         store_rows(fft(a, b, radices, roots, starts), lines, row * stride, stride, count, band, squares)
+
+
+@compiled
+def power_behind(spectrum: Any, stride: Any, passed: Any, passed_stride: Any, powers: Any, shape: Any) -> None:
+    """|passed·W|² (k_y, k_x) of a spectrum W behind stops that let real amplitudes pass."""
+    for row in range(shape[0]):
+        own = spectrum[row * stride : row * stride + 2 * shape[1]]
+        amplitude = passed[row * passed_stride : row * passed_stride + shape[1]]
+        for k in range(shape[1]):
+            real, imaginary = own[2 * k] * amplitude[k], own[2 * k + 1] * amplitude[k]
+            powers[row * shape[1] + k] = real * real + imaginary * imaginary
 
 
 # --- where an element stands -----------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -23,7 +23,7 @@ from scipy import ndimage
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise.adam import Adam
 from holoview.holograms.optimise.agreement import AgreementPenalty
-from holoview.holograms.optimise.chain_executor import ChainExecutor, power
+from holoview.holograms.optimise.chain_executor import ChainExecutor, power, summed_sources
 from holoview.holograms.optimise.checkpoint import (
     CHAIN_TENSORS,
     Checkpoint,
@@ -51,6 +51,7 @@ from holoview.holograms.optimise.wavelengths import (
     check_wavelength_search,
 )
 from holoview.light.engine.frame import spectrum_behind_modulators
+from holoview.light.engine.torch_executor import TorchField
 from holoview.light.model.drives import chain_drives
 from holoview.light.model.elements import AmplitudeModulator, ComplexModulator, Element, PhaseModulator
 from holoview.light.model.plan import Plan, make_plan
@@ -367,31 +368,46 @@ class ChainProblem:
         transmissions = executor.inputs.sampled_transmissions
         assert isinstance(transmissions, ChainTransmissions)
         transmissions.show(dict(drives))
-        intensity, spectra, missed, last = [], [], [], self.plan.way.last
-        chosen = range(len(self.plan.planes)) if planes is None else planes
-        inside = (..., *self.objective.region_slices)
-        for laser, (frame, wavelength) in enumerate(self.lasers):
-            squares, powers = [], []
-            for source in range(len(self.plan.slopes)):
-                spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-                powers.append(power(spectrum.values * executor.passed(wavelength)))
-                if self._fields is None:
-                    squares.append(executor.intensities(spectrum, wavelength, chosen))
-                    continue
-                seen = executor.fields(spectrum, wavelength, chosen)
-                squares.append(power(seen))
-                wanted = self._fields[list(chosen), laser].to(seen)
-                missed.append(infidelity(seen[inside], wanted[inside]))
-            intensity.append(self._share * _sum(squares))
-            spectra.append(self._share * _sum(powers))
-        losses = torch.stack(missed).mean(dim=0) if missed else None
-        return ChainLight(torch.stack(intensity), torch.stack(spectra), planes, losses)
+        chosen, powers = range(len(self.plan.planes)) if planes is None else planes, list[Tensor]()
+        behind = self._spectra(executor, powers)
+        if self._fields is None:
+            intensity, missed = executor.intensities(behind, chosen), None
+        else:
+            intensity, missed = self._compared(executor, behind, chosen)
+        return ChainLight(self._share * intensity, torch.stack(powers), planes, missed)
+
+    def _spectra(self, executor: ChainExecutor, powers: list[Tensor]) -> Iterator[tuple[list[TorchField], int]]:
+        """The spectra behind the last element of each laser, from each source, and its wavelength.
+
+        powers: where to add the mean power of each laser behind the last stops.
+        """
+        sources = range(len(self.plan.slopes))
+        for frame, λ in self.lasers:
+            spectra = [spectrum_behind_modulators(executor, λ, frame, source) for source in sources]
+            with torch.set_grad_enabled(torch.is_grad_enabled() and self.settings.eyebox > 0):
+                passed = [executor.passed_power(spectrum, λ) for spectrum in spectra]
+                powers.append(self._share * summed_sources(passed))
+            yield spectra, λ
+
+    def _compared(
+        self, executor: ChainExecutor, behind: Iterable[tuple[list[TorchField], int]], planes: Sequence[int]
+    ) -> tuple[Tensor, Tensor]:
+        """As `ChainExecutor.intensities`, and the mean `infidelity` (plane,) to the fields of a complex target."""
+        intensity, missed, inside = [], [], (..., *self.objective.region_slices)
+        assert self._fields is not None
+        for (spectra, λ), targets in zip(behind, self._fields.unbind(dim=1), strict=True):
+            fields = [executor.fields(spectrum, λ, planes) for spectrum in spectra]
+            intensity.append(summed_sources([power(field) for field in fields]))
+            wanted = targets[list(planes)].to(fields[0])
+            missed += [infidelity(field[inside], wanted[inside]) for field in fields]
+        return torch.stack(intensity), torch.stack(missed).mean(dim=0)
 
     def loss(self, found: ChainLight, amplitudes: Floats, channels: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """The loss, and the image (plane, channel, y, x). channels (laser, channel): of the lasers."""
         weights = torch.as_tensor(self._weights(amplitudes)).to(found.intensity)
         colours = weights[:, None] * (self.laser_channels() if channels is None else channels)
-        image = torch.einsum("lpyx,lc->pcyx", found.intensity, colours)
+        lasers, planes, *shape = found.intensity.shape
+        image = (colours.T @ found.intensity.reshape(lasers, -1)).reshape(-1, planes, *shape).movedim(0, 1)
         if found.missed is None:
             loss = self.objective.loss_of(image, found.planes)
         else:
@@ -446,9 +462,9 @@ class ChainProblem:
     def _variations(self, spectra: Tensor, amplitudes: Floats) -> Tensor:
         """Coefficient of variation (wavelength,) of the eyebox's light, of those that shine."""
         by_wavelength: dict[int, Tensor] = {}
-        for (_, λ), weight, power in zip(self.lasers, self._weights(amplitudes), spectra, strict=True):
+        for (_, λ), weight, own in zip(self.lasers, self._weights(amplitudes), spectra, strict=True):
             if weight:
-                by_wavelength[λ] = by_wavelength.get(λ, torch.zeros_like(power)) + weight * power
+                by_wavelength[λ] = by_wavelength.get(λ, torch.zeros_like(own)) + weight * own
         return torch.stack([_variation(self._blocks(power)) for power in by_wavelength.values()])
 
     def _blocks(self, power: Tensor) -> Tensor:
@@ -494,11 +510,6 @@ def _check_wavelength_range(system: System, settings: Settings) -> None:
             make_plan(system.edit({"wavelengths": moved}))
         except UserError as error:
             raise error.inside("wavelength range: ") from error
-
-
-def _sum(parts: list[Tensor]) -> Tensor:
-    """The sum of tensors of equal shape; of one, itself."""
-    return parts[0] if len(parts) == 1 else torch.stack(parts).sum(dim=0)
 
 
 def _variation(blocks: Tensor) -> Tensor:

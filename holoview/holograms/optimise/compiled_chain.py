@@ -6,7 +6,7 @@ transmission is small, and torch's. Effects may change the samples of an element
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,11 +14,12 @@ import numpy as np
 import torch
 from torch.autograd.function import once_differentiable
 
-from holoview.holograms.optimise.beams import FlatView, KeptRows, make_rows, padded_rows, row_pitch, strided_view
+from holoview.holograms.optimise.beams import FlatView, KeptRows, padded_rows, row_pitch, strided_view
 from holoview.holograms.optimise.chain_executor import ChainExecutor
 from holoview.holograms.optimise.chain_kernels import (
     filter_columns,
     modulate,
+    power_behind,
     return_to_field,
     return_to_pixels,
     show_rows,
@@ -77,14 +78,14 @@ class CompiledChain(ChainExecutor):
 
     def modulate(self, field: TorchField, frame: int, modulator: int, wavelength: int) -> TorchField:
         """As there."""
-        return TorchField(_Modulated.apply(field.values, *self._pixels(frame, modulator, wavelength)))
+        return TorchField(_call(_Modulated, field.values, *self._pixels(frame, modulator, wavelength)))
 
     def spectrum(self, field: TorchField, modulator: int) -> TorchField:
         """As there, behind the last element; before a relay the field itself."""
         relay = relay_behind(self.plan, modulator)
         if relay < self.plan.way.last:
             return _Unfiltered(field.values)
-        return TorchField(_Spectrum.apply(field.values, self._passes[relay]))
+        return TorchField(_call(_Spectrum, field.values, self._passes[relay]))
 
     def transmit(self, spectrum: TorchField, relay: int, wavelength: int, plane: int = 0) -> TorchField:
         """As there."""
@@ -95,15 +96,20 @@ class CompiledChain(ChainExecutor):
     def field(self, spectrum: TorchField, relay: int) -> TorchField:
         """As there."""
         if isinstance(spectrum, _Unfiltered):
-            return TorchField(_Relayed.apply(spectrum.values, spectrum.transfer, self._passes[relay]))
+            return TorchField(_call(_Relayed, spectrum.values, spectrum.transfer, self._passes[relay]))
         return super().field(spectrum, relay)
 
-    def intensities(self, spectrum: TorchField, wavelength: int, planes: Sequence[int]) -> Tensor:
+    def intensities(self, behind: Iterable[tuple[list[TorchField], int]], planes: Sequence[int]) -> Tensor:
         """As there."""
-        last = self.plan.way.last
-        factors = [self.transfer(last, wavelength, plane) for plane in planes]
-        shown: Tensor = _Shown.apply(spectrum.values, factors, self._passes[last])
-        return shown
+        last, spectra, factors = self.plan.way.last, list[Tensor](), list[list[Tensor]]()
+        for of_laser, λ in behind:
+            spectra += [spectrum.values for spectrum in of_laser]
+            factors += [[self.transfer(last, λ, plane) for plane in planes]] * len(of_laser)
+        return _call(_Shown, factors, len(self.plan.slopes), self._passes[last], *spectra)
+
+    def passed_power(self, spectrum: TorchField, wavelength: int) -> Tensor:
+        """As there."""
+        return _call(_Power, spectrum.values, self.passed(wavelength))
 
     def derived_transfer(self, relay: int, wavelength: int, plane: int = 0) -> Tensor:
         """As there, in rows for the passes."""
@@ -142,8 +148,7 @@ class CompiledChain(ChainExecutor):
         """The transmission (y, x) of the pixels of an element without effects."""
         sent, λ = self._transmissions.sent(element, frame), float(self.plan.system.wavelengths_m[wavelength])
         if isinstance(element, PhaseModulator):
-            phasors: Tensor = _Phasors.apply(sent, element.stroke_m / λ, self.dtype)
-            return phasors
+            return _call(_Phasors, sent, element.stroke_m / λ, self.dtype)
         if isinstance(element, ComplexModulator):
             return pixel_transmission(element, sent, λ).to(self.dtype)
         assert isinstance(element, AmplitudeModulator)
@@ -167,9 +172,9 @@ class _Passes:
         self._number = np.float64 if double else np.float32
         self._scale = 1 / (self._y.padded * self._x.padded)
 
-    def field(self, *planes: int) -> Tensor:
+    def room(self, *planes: int) -> Tensor:
         """Room for fields (…, y, x)."""
-        return padded_rows(*planes, self._y.count, self._x.count, like=self._like)
+        return _room(*planes, self._y.count, self._x.count, like=self._like)
 
     def filtered(self, field: Tensor, transfer: Tensor, sign: int) -> Tensor:
         """C·F⁻¹·H·F·Z of a field, of the conjugate of H where the sign is −1."""
@@ -179,7 +184,7 @@ class _Passes:
 
     def to_spectrum(self, field: Tensor) -> Tensor:
         """F·Z of a field."""
-        spectrum = padded_rows(self._y.frequencies, self._x.frequencies, like=self._like)
+        spectrum = _room(self._y.frequencies, self._x.frequencies, like=self._like)
         self._transform_columns(self._to_lines(field), strided_view(spectrum), self.y_lines[0])
         return spectrum
 
@@ -189,11 +194,11 @@ class _Passes:
         self._transform_columns(strided_view(_in_rows(spectrum)), lines, self.y_lines[1])
         return self._from_lines(lines)
 
-    def show(self, spectrum: Tensor, transfer: Tensor, field: Tensor, intensity: Tensor) -> None:
-        """Writes the field of a spectrum behind H, and its intensity."""
+    def show(self, spectrum: Tensor, transfer: Tensor, field: Tensor, intensity: Tensor, *, adds: bool) -> None:
+        """Writes the field of a spectrum behind H, and its intensity, or adds this."""
         lines, (of_field, (step,)), (shown, (shown_step,)) = self._lines(), *map(strided_view, (field, intensity))
         self._filter(strided_view(spectrum), transfer, 1, lines, (False, True))
-        views = (lines[0], lines[1][0], of_field, step, shown, shown_step)
+        views = (lines[0], lines[1][0], of_field, step, shown, shown_step, adds)
         self._over_rows(lambda rows: show_rows(*views, rows, self._x_to_window))
 
     def add_slopes(self, field: Tensor, slopes: Tensor, transfer: Tensor, out: Tensor) -> None:
@@ -212,7 +217,7 @@ class _Passes:
         return lines
 
     def _from_lines(self, lines: FlatView) -> Tensor:
-        field = self.field()
+        field = self.room()
         self._transform_rows(lines, strided_view(field), self._x_to_window)
         return field
 
@@ -249,6 +254,11 @@ class _Passes:
         self._team.map(function, [(start, min(start + size, total)) for start in range(0, total, size)])
 
 
+def _room(*sizes: int, like: Tensor) -> Tensor:
+    """`padded_rows` of any numbers, to be written."""
+    return like.new_empty(*sizes[:-1], row_pitch(sizes[-1]))[..., : sizes[-1]]
+
+
 def _in_rows(values: Tensor) -> Tensor:
     """The same as `padded_rows`, which it may be already."""
     values, (rows, count) = values.resolve_conj(), values.shape
@@ -262,6 +272,11 @@ def _in_rows(values: Tensor) -> Tensor:
 
 
 # --- stages, and their adjoints --------------------------------------------------------------------------------------
+
+
+def _call(stage: type[torch.autograd.Function], *arguments: Any) -> Tensor:
+    result: Tensor = stage.apply(*arguments)  # type: ignore[no-untyped-call]
+    return result
 
 
 class _Phasors(torch.autograd.Function):
@@ -290,11 +305,11 @@ class _Modulated(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, field: Tensor, pixels: Tensor, place: Place) -> Tensor:
-        out = make_rows(*field.shape, like=field)
-        _over_field(modulate, field, pixels, place, out.flat)
+        out = _room(*field.shape, like=field)
+        _over_field(modulate, field, pixels, place, out)
         ctx.save_for_backward(field, pixels)
         ctx.place = place
-        return out.values
+        return out
 
     @staticmethod
     @once_differentiable
@@ -302,9 +317,8 @@ class _Modulated(torch.autograd.Function):
         (field, pixels), of_field, of_pixels = ctx.saved_tensors, None, None
         slopes = slopes.resolve_conj()
         if ctx.needs_input_grad[0]:
-            rows = make_rows(*field.shape, like=field)
-            _over_field(return_to_field, slopes, pixels, ctx.place, rows.flat)
-            of_field = rows.values
+            of_field = _room(*field.shape, like=field)
+            _over_field(return_to_field, slopes, pixels, ctx.place, of_field)
         if ctx.needs_input_grad[1]:
             of_pixels = torch.empty_like(pixels)
             (own, (step,)), (light, (light_step,)), (out, (out_step,)) = map(strided_view, (slopes, field, of_pixels))
@@ -312,9 +326,9 @@ class _Modulated(torch.autograd.Function):
         return of_field, of_pixels, None
 
 
-def _over_field(function: Any, field: Tensor, pixels: Tensor, place: Place, out: FlatView) -> None:
-    (own, (step,)), (light, (light_step,)) = strided_view(field), strided_view(pixels)
-    function(own, step, light, light_step, place, out[0], out[1][0], tuple(field.shape))
+def _over_field(function: Any, field: Tensor, pixels: Tensor, place: Place, out: Tensor) -> None:
+    (own, (step,)), (light, (light_step,)), (to, (to_step,)) = map(strided_view, (field, pixels, out))
+    function(own, step, light, light_step, place, to, to_step, tuple(field.shape))
 
 
 class _Relayed(torch.autograd.Function):
@@ -346,21 +360,48 @@ class _Spectrum(torch.autograd.Function):
 
 
 class _Shown(torch.autograd.Function):
-    """The intensity (plane, y, x) of a spectrum behind the transfer functions to some planes."""
+    """The intensities (laser, plane, y, x) of spectra of so many sources each, behind transfer functions to planes.
+
+    factors: of each spectrum those to all planes.
+    """
 
     @staticmethod
-    def forward(ctx: Any, spectrum: Tensor, factors: list[Tensor], passes: _Passes) -> Tensor:
-        fields, own = passes.field(len(factors)), _in_rows(spectrum)
-        intensity = torch.empty(fields.shape, dtype=own.real.dtype)
-        for transfer, field, shown in zip(factors, fields, intensity, strict=True):
-            passes.show(own, transfer, field, shown)
-        ctx.fields, ctx.factors, ctx.passes, ctx.shape = fields, factors, passes, own.shape
+    def forward(ctx: Any, factors: list[list[Tensor]], sources: int, passes: _Passes, *spectra: Tensor) -> Tensor:
+        fields = [passes.room(len(factors[0])) for _ in spectra]
+        intensity = torch.empty(len(spectra) // sources, *fields[0].shape, dtype=fields[0].real.dtype)
+        for index, (spectrum, to_planes, of_spectrum) in enumerate(zip(spectra, factors, fields, strict=True)):
+            laser, source = divmod(index, sources)
+            own = _in_rows(spectrum)
+            for transfer, field, shown in zip(to_planes, of_spectrum, intensity[laser], strict=True):
+                passes.show(own, transfer, field, shown, adds=source > 0)
+        ctx.fields, ctx.factors, ctx.passes = fields, factors, passes
         return intensity
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor, None, None]:
-        out = padded_rows(*ctx.shape, like=ctx.fields)
-        for transfer, field, own in zip(ctx.factors, ctx.fields, slopes, strict=True):
-            ctx.passes.add_slopes(field, own, transfer, out)
-        return out, None, None
+    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor | None, ...]:
+        sources, out = len(ctx.fields) // len(slopes), []
+        for index, (to_planes, of_spectrum) in enumerate(zip(ctx.factors, ctx.fields, strict=True)):
+            sums = padded_rows(*to_planes[0].shape, like=of_spectrum)
+            for transfer, field, own in zip(to_planes, of_spectrum, slopes[index // sources], strict=True):
+                ctx.passes.add_slopes(field, own, transfer, sums)
+            out.append(sums)
+        return None, None, None, *out
+
+
+class _Power(torch.autograd.Function):
+    """|passed·W|² of a spectrum W, for real amplitudes that pass."""
+
+    @staticmethod
+    def forward(ctx: Any, spectrum: Tensor, passed: Tensor) -> Tensor:
+        ctx.save_for_backward(spectrum, passed)
+        powers = torch.empty(spectrum.shape, dtype=passed.dtype)
+        (own, (step,)), (amplitudes, (passed_step,)) = strided_view(spectrum.detach()), strided_view(passed)
+        power_behind(own, step, amplitudes, passed_step, powers.view(-1).numpy(), tuple(spectrum.shape))
+        return powers
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slopes: Tensor) -> tuple[Tensor, None]:
+        spectrum, passed = ctx.saved_tensors
+        return spectrum * (2 * slopes * passed.square()), None
