@@ -42,7 +42,7 @@ CASES = [
 ]
 
 
-def _bench(chain: str, name: str, element: str) -> System:
+def bench_with_effect(chain: str, name: str, element: str) -> System:
     """A chain with an effect."""
     plain = System([532 * NM, 580 * NM], [[1.0, 0.5], [0.5, 1.0]], elements=CHAINS[chain], planes_m=[3 * MM, 4 * MM])
     system = with_effect(plain, name, element)
@@ -66,7 +66,7 @@ def _patterns(system: System, rng: np.random.Generator) -> dict[str, np.ndarray]
 
 @pytest.mark.parametrize(("chain", "name", "element"), CASES)
 def test_a_chain_is_optimised_for_its_effects(chain: str, name: str, element: str) -> None:
-    system, rng = _bench(chain, name, element), np.random.default_rng(1)
+    system, rng = bench_with_effect(chain, name, element), np.random.default_rng(1)
     stack = rng.random((2, *system.way.shape, 3)).astype(np.float32)
     if changes_lasers(system, system.effect_values):
         with pytest.raises(hv.UserError, match=rf"effects\.{name}: splits lasers"):

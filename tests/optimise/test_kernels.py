@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.holograms.optimise import chain_kernels, chain_loop, solve, vector_kernels
 from holoview.holograms.optimise import kernel_choice as module
-from holoview.holograms.optimise import solve, vector_kernels
 from holoview.holograms.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.holograms.optimise.compiled_model import CompiledKernels
 from holoview.holograms.optimise.forward_model import ForwardModel
@@ -31,6 +31,11 @@ Noise = Callable[..., torch.Tensor]
 UNIT = 2.0**-53
 """Rounding of one operation in float64."""
 LASERS, SOURCES, ROWS, SAMPLES = 3, 2, 5, 37
+_PIXELS = {"pitch": 8e-6, "shape": (12, 16), "stroke": 800e-9}
+_CHAIN_KEYS: dict[str, Any] = {
+    "elements": [{"kind": "phase"} | _PIXELS, {"kind": "mask", "pattern": "random"} | _PIXELS],
+    "planes_m": [0.4e-3, 0.5e-3],
+}
 
 
 @pytest.fixture(scope="module")
@@ -269,12 +274,15 @@ def test_what_was_loaded_beforehand_is_all_that_an_iteration_needs(
     stack = np.full((len(system.planes_m), *make_plan(system).grid.shape, 3), 0.3, np.float32)
     problem = Problem(system, stack, Settings(), kernels=choose_kernels("cpu"))
     problem.evaluate(noise(0, *system.drive_shape).float() * 825e-9, np.array(system.amplitudes), REQUEST)
+    chain = System(system.wavelengths_m, system.amplitudes, **_CHAIN_KEYS)
+    list(solve.iterate(chain, stack, Settings(iterations=2, eyebox=0.1)))
     assert _machine_code() == loaded
 
 
 def _machine_code() -> dict[str, int]:
     """For how many types each pass is compiled."""
-    return {name: len(getattr(value, "signatures", ())) for name, value in vars(vector_kernels).items()}
+    passes = vars(vector_kernels) | vars(chain_kernels)
+    return {name: len(getattr(value, "signatures", ())) for name, value in passes.items()}
 
 
 def test_loading_beforehand_never_compiles(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,24 +312,30 @@ class SlowCompiler:
 def slow_compiler(monkeypatch: pytest.MonkeyPatch, compiled: CompiledKernels) -> SlowCompiler:
     """The kernels are yet to be compiled; `slow_compiler.is_done` says when they are."""
     slow = SlowCompiler()
-    monkeypatch.setattr(solve, "compiler", lambda: slow)
-    monkeypatch.setattr(solve, "will_compile", lambda device: not slow.is_done)
+    monkeypatch.setattr(module, "compiler", lambda: slow)
+    for user in (module, solve, chain_loop):
+        monkeypatch.setattr(user, "will_compile", lambda device: not slow.is_done)
     monkeypatch.setattr(solve.Optimiser, "_beside", BESIDE)
-    monkeypatch.setattr("holoview.holograms.optimise.problem.choose_kernels", lambda device: compiled)
+    monkeypatch.setattr(chain_loop.ChainProblem, "iterations_beside", BESIDE)
+    for user in ("problem", "chain_loop"):
+        monkeypatch.setattr(f"holoview.holograms.optimise.{user}.choose_kernels", lambda device: compiled)
     return slow
 
 
 Run = Callable[..., tuple[list[float], list[Checkpoint]]]
 
 
-@pytest.fixture
-def run(bench: Bench, stack_for: Callable[..., np.ndarray]) -> Run:
+@pytest.fixture(params=["short form", "chain"])
+def run(request: pytest.FixtureRequest, bench: Bench, stack_for: Callable[..., np.ndarray]) -> Run:
     """The losses of ten iterations beside a compiler, and the checkpoint after each."""
+    base = bench()
+    if request.param == "chain":
+        base = System(base.wavelengths_m, base.amplitudes, **_CHAIN_KEYS)
 
     def losses(
         resume: Checkpoint | None = None, before: Callable[[int], None] = lambda iteration: None, **arguments: Any
     ) -> tuple[list[float], list[Checkpoint]]:
-        system, found, kept = bench(), [], []
+        system, found, kept = base, [], []
         arguments = {"beside": lambda text: None} | arguments
         for state in solve.iterate(system, stack_for(system), Settings(iterations=10), None, resume, **arguments):
             found.append(state.loss)
@@ -340,9 +354,14 @@ def test_the_first_iterations_are_those_of_torch_and_the_rest_those_of_compiled_
     monkeypatch.setattr(
         Problem, "evaluate", lambda self, *args: used.append(self.model.kernels.name) or evaluate(self, *args)
     )
+    of_chain = chain_loop.ChainProblem.evaluate
+    monkeypatch.setattr(
+        chain_loop.ChainProblem, "evaluate", lambda self, *args: used.append(self.kernels.name) or of_chain(self, *args)
+    )
     told: list[str] = []
     beside, _ = run(beside=told.append)
-    count = BESIDE + 1  # the first iteration evaluates twice
+    count = used.index("compiled")
+    assert count in (BESIDE, BESIDE + 1)  # the first iteration of the short form evaluates twice
     assert used[:count] == ["torch"] * count
     assert set(used[count:]) == {"compiled"}
     assert slow_compiler.is_done  # it was waited for
@@ -391,7 +410,7 @@ def test_compiling_is_told_only_of_an_optimisation_that_lasts_until_it_is_done(
     iterations: int, tells: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(solve, "will_compile", lambda device: True)
-    monkeypatch.setattr(solve, "_WORK_BESIDE", 1e6)
+    monkeypatch.setattr(module, "_WORK_BESIDE", 1e6)
     system = preset.load("holochrome-8").with_(shape=[16, 24], planes=["10 mm"])
     stack, told = np.full((1, *make_plan(system).grid.shape, 3), 0.2, np.float32), list[str]()
     next(iter(solve.iterate(system, stack, Settings(iterations=iterations), beside=told.append)))

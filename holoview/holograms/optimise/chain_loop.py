@@ -33,7 +33,13 @@ from holoview.holograms.optimise.checkpoint import (
 )
 from holoview.holograms.optimise.eyes import Places, drawn_pupils
 from holoview.holograms.optimise.field_loss import ComplexTarget, check_suits, infidelity, split_target
-from holoview.holograms.optimise.kernel_choice import choose_kernels
+from holoview.holograms.optimise.kernel_choice import (
+    KernelTurn,
+    choose_kernels,
+    iterations_beside,
+    tell_of_turn,
+    will_compile,
+)
 from holoview.holograms.optimise.lasers import check_effects, next_amplitudes
 from holoview.holograms.optimise.objective import (
     AmplitudeLeastSquares,
@@ -43,7 +49,7 @@ from holoview.holograms.optimise.objective import (
 )
 from holoview.holograms.optimise.plane_turns import planes_in_turn
 from holoview.holograms.optimise.problem import plan_for
-from holoview.holograms.optimise.propagation import Kernels
+from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels
 from holoview.holograms.optimise.settings import Settings
 from holoview.holograms.optimise.wavelengths import (
     FreeWavelengths,
@@ -61,6 +67,7 @@ from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.slm import eyebox_order, nearest_level
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import require_memory
+from holoview.util.progress import TextCallback, no_text
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
@@ -71,6 +78,7 @@ _RELATIVE_STEP = {
     False: 1e-5,
     True: 1e-6,
 }  # of the wavelength, in float32 and float64: phases of 10³ rad change by 1e-2
+_TORCH_WORK = 4  # times as long as the short form's an iteration takes by torch
 _BYTES = 48  # a sample of a field in torch's graph: field, spectrum, their products and gradients
 
 
@@ -83,6 +91,7 @@ def iterate_chain(
     *,
     device: str = "cpu",
     done: int = 0,
+    beside: TextCallback | None = None,
 ) -> Iterator[IterationState]:
     """The states of `solve.iterate` for a chain. start: patterns by the names of elements, or as a list.
 
@@ -90,7 +99,7 @@ def iterate_chain(
     """
     drawn = drawn_pupils(system, settings, stack)
     places_m, target = (None, stack) if drawn is None else drawn(0)
-    problem = ChainProblem(system, target, settings, device, places_m=places_m)
+    problem, turn = _begin(system, target, settings, device, places_m, resume, done, beside)
     patterns, lasers = ChainPatterns(system, settings, start), FreeWavelengths(system.wavelengths_m, settings)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
     pictured, make_best, begun = None, None, (system, settings, target_digest(*split_target(target)))
@@ -102,6 +111,8 @@ def iterate_chain(
     if "wavelengths" in settings.free:
         problem.set_wavelengths(lasers.values_m)
     for iteration in range(done, settings.iterations + 1):
+        if turn.is_due(iteration):
+            problem.change_kernels()
         is_last = iteration == settings.iterations
         if drawn is not None and iteration > 0:
             problem.see_from(*drawn(iteration))
@@ -120,7 +131,7 @@ def iterate_chain(
             _take_steps(problem, patterns, lasers, iteration, loss, found, amplitudes)
         assert make_best is not None
         eyebox, seconds = problem.eyebox_variation(found, amplitudes), time.perf_counter() - started
-        progress = CheckpointProgress(iteration + 1, seconds, *best, eyebox)
+        progress = CheckpointProgress(iteration + 1, seconds, *best, eyebox, turn.at)
         yield IterationState(
             iteration=iteration,
             iterations=settings.iterations,
@@ -134,6 +145,27 @@ def iterate_chain(
             picture=partial(problem.objective.picture, pictured),
             checkpoint=partial(_checkpoint, *begun, progress, patterns, lasers, amplitudes, make_best),
         )
+
+
+def _begin(
+    system: System,
+    target: Any,
+    settings: Settings,
+    device: str,
+    places_m: Places | None,
+    resume: Checkpoint | None,
+    done: int,
+    beside: TextCallback | None,
+) -> tuple[ChainProblem, KernelTurn]:
+    """The problem of an optimisation, and when it changes its kernels. Arguments of `iterate_chain`."""
+    tell, compiles = beside or no_text, beside is not None and resume is None and will_compile(device)
+    by_torch = compiles or (resume is not None and resume.progress.by_torch > resume.progress.iteration)
+    kernels = TORCH_KERNELS if by_torch else None
+    problem = ChainProblem(system, target, settings, device, places_m=places_m, kernels=kernels)
+    if compiles:
+        tell_of_turn(tell, problem.iterations_beside, settings.iterations - done)
+        return problem, KernelTurn(device, tell, done + problem.iterations_beside)
+    return problem, KernelTurn(device, tell, 0 if resume is None else resume.progress.by_torch)
 
 
 class ChainOptimiser:
@@ -290,6 +322,17 @@ class ChainProblem:
         self._fields = None if complex_target is None else complex_target.of_lasers(self.lasers).to(device)
         self._has_levels = any(getattr(element, "levels", None) is not None for element in system.elements)
 
+    @property
+    def iterations_beside(self) -> int:
+        """How many iterations torch computes while another process compiles, as `iterations_beside` says."""
+        samples = math.prod(self.plan.grid.padded) * len(self.lasers) * len(self.plan.slopes)
+        return iterations_beside(_TORCH_WORK * samples * len(self.objective.target))
+
+    def change_kernels(self) -> None:
+        """Goes on with the fastest kernels on this machine: the same numbers up to rounding."""
+        self.kernels = choose_kernels(self._device)
+        self._executor = self._make_executor()
+
     def _make_executor(self) -> ChainExecutor:
         return self.kernels.chain_executor(self.plan, double=self._double, device=self._device)
 
@@ -374,7 +417,9 @@ class ChainProblem:
             intensity, missed = executor.intensities(behind, chosen), None
         else:
             intensity, missed = self._compared(executor, behind, chosen)
-        return ChainLight(self._share * intensity, torch.stack(powers), planes, missed)
+        if self._share != 1:
+            intensity = self._share * intensity
+        return ChainLight(intensity, torch.stack(powers), planes, missed)
 
     def _spectra(self, executor: ChainExecutor, powers: list[Tensor]) -> Iterator[tuple[list[TorchField], int]]:
         """The spectra behind the last element of each laser, from each source, and its wavelength.

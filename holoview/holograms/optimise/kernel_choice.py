@@ -27,20 +27,24 @@ import torch
 from holoview.holograms.optimise.forward_model import ForwardModel
 from holoview.holograms.optimise.parallel import torch_threads
 from holoview.holograms.optimise.propagation import TORCH_KERNELS, Kernels, PlanePropagation
+from holoview.light.engine.frame import spectrum_behind_modulators
 from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
+from holoview.light.optics.chain import ChainTransmissions
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import cache_dir
 from holoview.util.packages import import_optional
 from holoview.util.processes import environment_of_python
+from holoview.util.progress import TextCallback
 
 _FORMAT = 3
 """Of the file of choices; to be increased when kernels become faster or slower."""
 _FILE = "optimiser-kernels.json"
 _PRESET, _SHAPE, _SMALL = "holochrome-8", (96, 128), (16, 16)
+_CHAIN = "holochrome-8-static"
 _ROUNDS = 5
-_SOURCES = ("compiled_model.py", "vector_fft.py", "vector_kernels.py")
+_SOURCES = ("chain_kernels.py", "compiled_model.py", "vector_fft.py", "vector_kernels.py")
 """Of what is compiled: where one is another file than before, numba compiles anew."""
 
 
@@ -68,6 +72,7 @@ def load_kernels(device: str) -> None:
     """Loads what `choose_kernels` chooses, with the machine code, for the first iteration; never compiles."""
     if torch.device(device).type == "cpu" and not will_compile(device):
         _seconds(choose_kernels(device), _SMALL)
+        _run_chain(choose_kernels(device))
 
 
 def _compiled_kernels() -> Kernels:
@@ -83,6 +88,7 @@ def _faster_name() -> str:
         with torch_threads(1):  # as in a thread of the team
             rivals = (TORCH_KERNELS, _compiled_kernels())
             seconds = {kernels.name: [_seconds(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
+            _run_chain(rivals[1])  # compiles
     except Exception:  # any failure of a compiler on an untried machine
         return TORCH_KERNELS.name
     return min(seconds, key=lambda name: min(seconds[name][1:]))  # the first round compiles
@@ -108,6 +114,20 @@ def _seconds(kernels: Kernels, shape: tuple[int, int] = _SHAPE) -> float:
     model.process_planes([0, 1], evaluate_rows, evaluate_lines, carry_back=True)
     model.accumulate_gradients(torch.zeros_like(opd_m))
     return time.thread_time() - started
+
+
+def _run_chain(kernels: Kernels) -> None:
+    """Calls all passes of a chain of elements once."""
+    shapes = {f"elements.{name}.shape": _SMALL for name in ("phase", "mask")}
+    system = preset.load(_CHAIN).edit({**shapes, "planes": ["10 mm"]})
+    executor = kernels.chain_executor(make_plan(system), double=False, device="cpu")
+    transmissions = executor.inputs.sampled_transmissions
+    assert isinstance(transmissions, ChainTransmissions)
+    drive = torch.zeros(1, *_SMALL, requires_grad=True)
+    transmissions.show({"phase": drive})
+    spectrum = spectrum_behind_modulators(executor, 0, 0, 0)
+    shown = executor.intensities([([spectrum], 0)], [0]).sum() + executor.passed_power(spectrum, 0).sum()
+    torch.autograd.grad(shown, drive)
 
 
 def _key() -> str:
@@ -177,6 +197,41 @@ class Compiler:
 def compiler() -> Compiler:
     """The one of this program, which begins when it is first asked for."""
     return Compiler()
+
+
+_WORK_BESIDE = 5e8  # samples of a field in a plane, which torch computes in 14 s of a processor, an AMD EPYC's
+
+
+def iterations_beside(samples: float) -> int:
+    """How many iterations of so many samples in planes torch computes in about the time in which another processor
+    compiles."""
+    return max(1, round(_WORK_BESIDE / samples))
+
+
+def tell_of_turn(tell: TextCallback, beside: int, iterations: int) -> None:
+    """Tells that kernels are compiled beside some iterations; a run that ends before has no need of them."""
+    if beside <= iterations:
+        tell(f"compiling for this processor, once, beside the first {beside} iterations")
+
+
+class KernelTurn:
+    """When an optimisation that began by torch, beside the compiler, goes on with the kernels that are chosen.
+
+    at: the iteration; 0 where it began with them. tell: called while it waits, several times a second.
+    """
+
+    def __init__(self, device: str, tell: TextCallback, at: int) -> None:
+        self._device, self._tell, self.at = device, tell, at
+
+    def is_due(self, iteration: int) -> bool:
+        """Whether it is now; it then has waited for the compiler, which begins once the first picture is there."""
+        if iteration == self.at > 0:
+            if will_compile(self._device):
+                compiler().wait(lambda: self._tell("waiting for the compiler"))
+            return True
+        if 0 < iteration < self.at and will_compile(self._device):
+            compiler()
+        return False
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -27,7 +27,13 @@ from holoview.holograms.optimise.chain_loop import ChainOptimiser, iterate_chain
 from holoview.holograms.optimise.checkpoint import Checkpoint, CheckpointProgress, IterationState, target_digest
 from holoview.holograms.optimise.eyes import StacksAt, drawn_pupils
 from holoview.holograms.optimise.field_loss import ComplexTarget, split_target
-from holoview.holograms.optimise.kernel_choice import compiler, load_kernels, will_compile
+from holoview.holograms.optimise.kernel_choice import (
+    KernelTurn,
+    iterations_beside,
+    load_kernels,
+    tell_of_turn,
+    will_compile,
+)
 from holoview.holograms.optimise.parallel import SINGLE_PROCESS, ProcessGroup
 from holoview.holograms.optimise.plane_turns import planes_in_turn
 from holoview.holograms.optimise.problem import EvaluationRequest, Floats, LossEvaluation, Problem
@@ -42,7 +48,6 @@ from holoview.util.progress import TextCallback, no_text
 _DEFAULT = Settings()
 _NOTHING_DONE = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
 _FEWEST_PLANES = 4  # of which one is drawn by default
-_WORK_BESIDE = 5e8  # samples of a field in a plane, which torch computes in 14 s of a processor, an AMD EPYC's
 LONG_RUN = 80
 """Iterations from which on one plane is drawn by default: in shorter runs noise doesn't average out."""
 
@@ -102,7 +107,7 @@ def iterate(
     if system.is_chain:
         if team.size > 1:
             raise UserError("optimisation", "shared by processes, of a chain of elements", expected="one process")
-        return iterate_chain(system, stack, settings, start, resume, device=device, done=done)
+        return iterate_chain(system, stack, settings, start, resume, device=device, done=done, beside=beside)
     return Optimiser(system, stack, settings, start, resume, device, team, record, done, beside).states()
 
 
@@ -198,8 +203,7 @@ class Optimiser:
         self.progress = replace(_NOTHING_DONE, iteration=done)
         if compiles:
             self.progress = replace(self.progress, by_torch=done + self._beside)
-            if self.progress.by_torch <= settings.iterations:  # a short run ends before
-                self._tell(f"compiling for this processor, once, beside the first {self._beside} iterations")
+            tell_of_turn(self._tell, self._beside, settings.iterations - done)
         if resume is not None:
             self._resume(resume)
         elif self.variables.wavelengths.adjusted:
@@ -223,11 +227,10 @@ class Optimiser:
     def states(self) -> Iterator[IterationState]:
         """The states as of `iterate`, from the present one on."""
         started, by_torch = time.perf_counter() - self.progress.seconds, self.progress.by_torch
+        turn = KernelTurn(str(self.problem.model.device), self._tell, by_torch)
         for iteration in range(self.progress.iteration, self.settings.iterations + 1):
-            if iteration == by_torch > 0:
-                self._change_kernels()
-            elif 0 < iteration < by_torch and will_compile(str(self.problem.model.device)):
-                compiler()  # begins once the first picture is there
+            if turn.is_due(iteration):
+                self.problem.change_kernels()
             if self._drawn is not None and iteration > 0:
                 self.problem.see_from(*self._drawn(iteration))
             with self.problem.guarded():
@@ -267,12 +270,7 @@ class Optimiser:
         """How many iterations torch computes in about the time in which another processor compiles."""
         model = self.problem.model
         samples = math.prod(model.plan.grid.padded) * len(model.lasers) * model.source_count
-        return max(1, round(_WORK_BESIDE / (samples * len(self.problem.objective.target))))
-
-    def _change_kernels(self) -> None:
-        if will_compile(str(self.problem.model.device)):
-            compiler().wait(lambda: self._tell("waiting for the compiler"))
-        self.problem.change_kernels()
+        return iterations_beside(samples * len(self.problem.objective.target))
 
     def _evaluate(self, shown: torch.Tensor, iteration: int, request: EvaluationRequest) -> LossEvaluation:
         """The evaluation of an iteration; in the first and the last, amplitudes are solved for before it.
