@@ -111,11 +111,8 @@ def iterate_chain(
     if "wavelengths" in settings.free:
         problem.set_wavelengths(lasers.values_m)
     for iteration in range(done, settings.iterations + 1):
-        if turn.is_due(iteration):
-            problem.change_kernels()
         is_last = iteration == settings.iterations
-        if drawn is not None and iteration > 0:
-            problem.see_from(*drawn(iteration))
+        _change(problem, turn, drawn, iteration)
         shown = patterns.shown()
         solves = "amplitudes" in settings.free and (iteration % settings.amplitudes_every == 0 or is_last)
         planes = problem.planes_of(iteration, is_whole=make_best is None or solves or lasers.are_due(iteration))
@@ -166,6 +163,14 @@ def _begin(
         tell_of_turn(tell, problem.iterations_beside, settings.iterations - done)
         return problem, KernelTurn(device, tell, done + problem.iterations_beside)
     return problem, KernelTurn(device, tell, 0 if resume is None else resume.progress.by_torch)
+
+
+def _change(problem: ChainProblem, turn: KernelTurn, drawn: Any, iteration: int) -> None:
+    """Changes to other kernels where they are due, and to the drawn places of an iteration."""
+    if turn.is_due(iteration):
+        problem.change_kernels()
+    if drawn is not None and iteration > 0:
+        problem.see_from(*drawn(iteration))
 
 
 class ChainOptimiser:
