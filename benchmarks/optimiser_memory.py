@@ -41,7 +41,7 @@ def report(result: dict[str, dict[str, float]]) -> str:
 
 def peak_mb(variant: str, work: Work) -> float:
     """Peak of this process (MB) while a variant is built and iterates, above what was resident before."""
-    base = _reset()
+    base = reset_peak()
     if variant in (OWN, SOLVING):
         settings: dict[str, Any] = {} if variant == OWN else {"free": ("patterns", "amplitudes"), "amplitudes_every": 1}
         states = ours(work, **settings)
@@ -51,7 +51,7 @@ def peak_mb(variant: str, work: Work) -> float:
         baseline = (Textbook if variant == TEXTBOOK else StoredLoop)(work)
         for _ in range(_ITERATIONS):
             baseline.step()
-    return _peak() - base
+    return highest_mb() - base
 
 
 def _in_process(variant: str, size: Sequence[int]) -> float:
@@ -60,14 +60,14 @@ def _in_process(variant: str, size: Sequence[int]) -> float:
     return float(json.loads(done.stdout)["peak_mb"])
 
 
-def _reset() -> float:
+def reset_peak() -> float:
     """Reset the peak to the resident memory, if the system allows it, and return it (MB)."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
-    return _peak()
+    return highest_mb()
 
 
-def _peak() -> float:
+def highest_mb() -> float:
     status = Path("/proc/self/status")
     if status.exists():
         line = next(line for line in status.read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM"))

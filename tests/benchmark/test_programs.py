@@ -32,6 +32,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
         "--dry-run --minutes 0.4 -o {out}/card",
         "--dry-run --question --minutes 0.4 -o {out}/card",
     ),
+    "chain_passes": ("--presets michelson-complex --rounds 1",),
     "conformance_peers": ("",),
     "device_loss": ("--runs 1 --shape 24 32",),
     "diagnosis": ("--families singles --only gap --sizes large --shape 24 32 --each 2 --workers 1",),

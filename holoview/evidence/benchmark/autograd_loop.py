@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from holoview.holograms.optimise.chain_loop import ChainLight, ChainProblem
+from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.colour import observer_weights, xyz_to_linear_srgb
 from holoview.light.model.elements import ComplexModulator, PhaseModulator
@@ -188,7 +189,7 @@ class ChainLoop:
 
     def __init__(self, work: Work, rate_rad: float = 1.0, betas: tuple[float, float] = (0.9, 0.99)) -> None:
         system, device = work.system, torch.device(work.device)
-        self._problem = ChainProblem(system, work.stack, Settings(), work.device)
+        self._problem = ChainProblem(system, work.stack, Settings(), work.device, kernels=TORCH_KERNELS)
         self._amplitudes = np.array(system.amplitudes)
         middle_m, groups = float(np.median(system.wavelengths_m)), []
         self._elements = dict(zip(system.element_names, system.elements, strict=True))
