@@ -1,8 +1,8 @@
 """An iteration of the optimiser of chains of elements by torch's own derivatives and by compiled passes.
 
 Processor seconds of both in turn in one process, and the peak memory of each in a process of its own, above what is
-resident once libraries, machine code and target are loaded. Of a bench of the short form the same light is computed as a chain, too.
-The target is noise, since times don't depend on it.
+resident once libraries, machine code and target are loaded. A bench of the short form is also computed as a chain of
+the same light. The target is noise, since times don't depend on it.
 
     OMP_NUM_THREADS=1 python -m benchmarks.chain_passes
 """

@@ -274,9 +274,23 @@ def test_what_was_loaded_beforehand_is_all_that_an_iteration_needs(
     stack = np.full((len(system.planes_m), *make_plan(system).grid.shape, 3), 0.3, np.float32)
     problem = Problem(system, stack, Settings(), kernels=choose_kernels("cpu"))
     problem.evaluate(noise(0, *system.drive_shape).float() * 825e-9, np.array(system.amplitudes), REQUEST)
-    chain = System(system.wavelengths_m, system.amplitudes, **_CHAIN_KEYS)
-    list(solve.iterate(chain, stack, Settings(iterations=2, eyebox=0.1)))
     assert _machine_code() == loaded
+
+
+def test_what_was_compiled_beforehand_is_all_that_a_chain_needs(
+    cache_folder: Path, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_faster_name", lambda: "compiled")
+    assert will_compile("cpu", chains=True)
+    choose_kernels("cpu")
+    assert will_compile("cpu", chains=True) and not will_compile("cpu")
+    module.compile_all()
+    assert not will_compile("cpu", chains=True)
+    compiled = _machine_code()
+    chain = System(bench().wavelengths_m, bench().amplitudes, **_CHAIN_KEYS)
+    stack = np.full((2, *make_plan(chain).grid.shape, 3), 0.3, np.float32)
+    list(solve.iterate(chain, stack, Settings(iterations=2, eyebox=0.1)))
+    assert _machine_code() == compiled
 
 
 def _machine_code() -> dict[str, int]:
@@ -314,7 +328,7 @@ def slow_compiler(monkeypatch: pytest.MonkeyPatch, compiled: CompiledKernels) ->
     slow = SlowCompiler()
     monkeypatch.setattr(module, "compiler", lambda: slow)
     for user in (module, solve, chain_loop):
-        monkeypatch.setattr(user, "will_compile", lambda device: not slow.is_done)
+        monkeypatch.setattr(user, "will_compile", lambda device, chains=False: not slow.is_done)
     monkeypatch.setattr(solve.Optimiser, "_beside", BESIDE)
     monkeypatch.setattr(chain_loop.ChainProblem, "iterations_beside", BESIDE)
     for user in ("problem", "chain_loop"):
@@ -401,7 +415,7 @@ def test_another_process_compiles_and_remembers(cache_folder: Path, monkeypatch:
     assert work.is_busy
     work.wait()
     assert not work.is_busy
-    assert not will_compile("cpu")
+    assert not will_compile("cpu", chains=True)
     assert any((cache_folder / "holoview" / "numba").iterdir())
 
 

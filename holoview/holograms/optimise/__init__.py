@@ -28,4 +28,11 @@ kernel_choice        torch or compiled kernels, the faster on this machine; comp
 compiled_model       the parts of `propagation` in compiled passes
 vector_kernels       these passes over fields, each around an FFT
 vector_fft           FFTs of many lines side by side in the processor's vectors, compiled by numba
+
+The same of chains of elements:
+
+chain_loop           the optimisation loop of a chain
+chain_executor       its stages, by torch
+compiled_chain       its stages in compiled passes, each with its adjoint
+chain_kernels        these passes
 """

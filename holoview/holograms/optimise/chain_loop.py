@@ -1,4 +1,4 @@
-"""The optimisation loop of a chain of elements: every pattern that an element shows, by torch's own derivatives.
+"""The optimisation loop of a chain of elements: every pattern that an element shows, by derivatives of the stages.
 
 Adam moves the patterns: phases as those of the short form, amplitudes and complex numbers by their own step, each kept
 in its range; levels by the straight-through estimator (`optics.slm.nearest_level`). A shared pattern sums the gradients
@@ -155,14 +155,14 @@ def _begin(
     beside: TextCallback | None,
 ) -> tuple[ChainProblem, KernelTurn]:
     """The problem of an optimisation, and when it changes its kernels. Arguments of `iterate_chain`."""
-    tell, compiles = beside or no_text, beside is not None and resume is None and will_compile(device)
+    tell, compiles = beside or no_text, beside is not None and resume is None and will_compile(device, chains=True)
     by_torch = compiles or (resume is not None and resume.progress.by_torch > resume.progress.iteration)
     kernels = TORCH_KERNELS if by_torch else None
     problem = ChainProblem(system, target, settings, device, places_m=places_m, kernels=kernels)
     if compiles:
         tell_of_turn(tell, problem.iterations_beside, settings.iterations - done)
-        return problem, KernelTurn(device, tell, done + problem.iterations_beside)
-    return problem, KernelTurn(device, tell, 0 if resume is None else resume.progress.by_torch)
+        return problem, KernelTurn(device, tell, done + problem.iterations_beside, chains=True)
+    return problem, KernelTurn(device, tell, 0 if resume is None else resume.progress.by_torch, chains=True)
 
 
 def _change(problem: ChainProblem, turn: KernelTurn, drawn: Any, iteration: int) -> None:

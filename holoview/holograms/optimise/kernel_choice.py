@@ -16,7 +16,7 @@ import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -63,16 +63,27 @@ def choose_kernels(device: str) -> Kernels:
     return TORCH_KERNELS if chosen == TORCH_KERNELS.name else _compiled_kernels()
 
 
-def will_compile(device: str) -> bool:
-    """Whether `choose_kernels` has yet to compile and time the kernels for a torch device, which takes seconds."""
-    return torch.device(device).type == "cpu" and find_spec("numba") is not None and _remembered_name() is None
+def will_compile(device: str, *, chains: bool = False) -> bool:
+    """Whether kernels for a torch device have yet to be compiled, which takes seconds: those of `choose_kernels`, which
+    are timed, too; or, with chains, also those of chains of elements."""
+    if torch.device(device).type != "cpu" or find_spec("numba") is None:
+        return False
+    chosen = _remembered_name()
+    return chosen is None or (chains and chosen != TORCH_KERNELS.name and _chains_key() not in _remembered())
+
+
+def compile_all() -> None:
+    """Compiles all kernels, chooses the faster ones, and remembers both."""
+    kernels = choose_kernels("cpu")
+    if kernels is not TORCH_KERNELS:
+        _run_chain(kernels)
+        _remember(kernels.name, _chains_key())
 
 
 def load_kernels(device: str) -> None:
     """Loads what `choose_kernels` chooses, with the machine code, for the first iteration; never compiles."""
     if torch.device(device).type == "cpu" and not will_compile(device):
         _seconds(choose_kernels(device), _SMALL)
-        _run_chain(choose_kernels(device))
 
 
 def _compiled_kernels() -> Kernels:
@@ -88,7 +99,6 @@ def _faster_name() -> str:
         with torch_threads(1):  # as in a thread of the team
             rivals = (TORCH_KERNELS, _compiled_kernels())
             seconds = {kernels.name: [_seconds(kernels) for _ in range(_ROUNDS)] for kernels in rivals}
-            _run_chain(rivals[1])  # compiles
     except Exception:  # any failure of a compiler on an untried machine
         return TORCH_KERNELS.name
     return min(seconds, key=lambda name: min(seconds[name][1:]))  # the first round compiles
@@ -151,11 +161,16 @@ def _remembered() -> dict[str, Any]:
     return entries if isinstance(entries, dict) else {}
 
 
-def _remember(name: str) -> None:
+def _chains_key() -> str:
+    """Of the kernels of chains, where these are compiled."""
+    return f"chains of elements {_key()}"
+
+
+def _remember(name: str, key: str = "") -> None:
     path = cache_dir() / _FILE
     with suppress(OSError, UserError):  # a folder that can't be written: the next run measures again
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, json.dumps(_remembered() | {_key(): name}, indent=1, sort_keys=True), is_durable=False)
+        write_file(path, json.dumps(_remembered() | {key or _key(): name}, indent=1, sort_keys=True), is_durable=False)
 
 
 # --- in another process -----------------------------------------------------------------------------------------------
@@ -217,19 +232,20 @@ def tell_of_turn(tell: TextCallback, beside: int, iterations: int) -> None:
 class KernelTurn:
     """When an optimisation that began by torch, beside the compiler, goes on with the kernels that are chosen.
 
-    at: the iteration; 0 where it began with them. tell: called while it waits, several times a second.
+    at: the iteration; 0 where it began with them. tell: called while it waits, several times a second. chains: whether
+    it is one of a chain of elements.
     """
 
-    def __init__(self, device: str, tell: TextCallback, at: int) -> None:
-        self._device, self._tell, self.at = device, tell, at
+    def __init__(self, device: str, tell: TextCallback, at: int, *, chains: bool = False) -> None:
+        self._will_compile, self._tell, self.at = partial(will_compile, device, chains=chains), tell, at
 
     def is_due(self, iteration: int) -> bool:
         """Whether it is now; it then has waited for the compiler, which begins once the first picture is there."""
         if iteration == self.at > 0:
-            if will_compile(self._device):
+            if self._will_compile():
                 compiler().wait(lambda: self._tell("waiting for the compiler"))
             return True
-        if 0 < iteration < self.at and will_compile(self._device):
+        if 0 < iteration < self.at and self._will_compile():
             compiler()
         return False
 
@@ -248,4 +264,4 @@ def _end_with_parent() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    choose_kernels("cpu")
+    compile_all()
