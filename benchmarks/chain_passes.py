@@ -23,6 +23,7 @@ import holoview as hv
 from benchmarks.common import count_of, markdown_table
 from benchmarks.optimiser_memory import highest_mb, reset_peak
 from holoview.holograms.optimise.chain_loop import ChainPatterns, ChainProblem
+from holoview.holograms.optimise.checkpoint import IterationState
 from holoview.holograms.optimise.compiled_model import CompiledKernels
 from holoview.holograms.optimise.kernel_choice import load_kernels
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
@@ -31,7 +32,7 @@ from holoview.light.model.system import System
 
 _KERNELS = {"torch": TORCH_KERNELS, "compiled": CompiledKernels()}
 _SETTINGS = hv.Settings(iterations=10_000, free=("patterns",), drawn_planes=0)
-_AS_CHAIN, _SHAPE = ("holochrome-8", "holochrome-8-1slm"), (192, 256)  # a size at which a chain takes less than 1 GB
+_AS_CHAIN, _SHAPE = ("holochrome-8", "holochrome-8-1slm"), (192, 256)
 
 
 def main() -> None:
@@ -93,7 +94,7 @@ def _steps(system: System, kernels: str) -> Callable[[], None]:
 
 
 def _short_form(system: System) -> Callable[[], None]:
-    states: Iterator[hv.IterationState] = iter(hv.iterate(system, _stack(system), _SETTINGS))
+    states: Iterator[IterationState] = iter(hv.iterate(system, _stack(system), _SETTINGS))
     return lambda: (next(states), None)[1]
 
 
