@@ -44,7 +44,8 @@ DISTRIBUTIONS = {
 """Distributions that aren't called as their modules are."""
 
 
-COMPILED = tuple(f"holoview.holograms.optimise.{name}" for name in ("compiled_model", "vector_fft", "vector_kernels"))
+_COMPILED = ("chain_kernels", "compiled_chain", "compiled_model", "vector_fft", "vector_kernels")
+COMPILED = tuple(f"holoview.holograms.optimise.{name}" for name in _COMPILED)
 """Modules of what numba compiles, which are imported only where it is installed (`choose_kernels`)."""
 
 
