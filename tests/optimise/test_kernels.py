@@ -284,7 +284,7 @@ def test_what_was_compiled_beforehand_is_all_that_a_chain_needs(
     assert will_compile("cpu", chains=True)
     choose_kernels("cpu")
     assert will_compile("cpu", chains=True) and not will_compile("cpu")
-    module.compile_all()
+    module.compile_all("cpu")
     assert not will_compile("cpu", chains=True)
     compiled = _machine_code()
     chain = System(bench().wavelengths_m, bench().amplitudes, **_CHAIN_KEYS)

@@ -36,6 +36,7 @@ from holoview.holograms.optimise.field_loss import ComplexTarget, check_suits, i
 from holoview.holograms.optimise.kernel_choice import (
     KernelTurn,
     choose_kernels,
+    compile_all,
     iterations_beside,
     tell_of_turn,
     will_compile,
@@ -158,6 +159,8 @@ def _begin(
     tell, compiles = beside or no_text, beside is not None and resume is None and will_compile(device, chains=True)
     by_torch = compiles or (resume is not None and resume.progress.by_torch > resume.progress.iteration)
     kernels = TORCH_KERNELS if by_torch else None
+    if not by_torch:
+        compile_all(device)
     problem = ChainProblem(system, target, settings, device, places_m=places_m, kernels=kernels)
     if compiles:
         tell_of_turn(tell, problem.iterations_beside, settings.iterations - done)

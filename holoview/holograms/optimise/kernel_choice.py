@@ -72,10 +72,10 @@ def will_compile(device: str, *, chains: bool = False) -> bool:
     return chosen is None or (chains and chosen != TORCH_KERNELS.name and _chains_key() not in _remembered())
 
 
-def compile_all() -> None:
-    """Compiles all kernels, chooses the faster ones, and remembers both."""
-    kernels = choose_kernels("cpu")
-    if kernels is not TORCH_KERNELS:
+def compile_all(device: str) -> None:
+    """Compiles all kernels for a torch device, chooses the faster ones, and remembers both, unless that is done."""
+    kernels = choose_kernels(device)
+    if will_compile(device, chains=True):
         _run_chain(kernels)
         _remember(kernels.name, _chains_key())
 
@@ -264,4 +264,4 @@ def _end_with_parent() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    compile_all()
+    compile_all("cpu")
