@@ -6,7 +6,6 @@ which the viewer opens is shipped, so that the first start after an installation
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 from contextlib import suppress
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from holoview.light.model import preset
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.util.files import TEXT_LIMIT, cache_dir, data_dir, read_limited
@@ -51,15 +51,12 @@ def remember_gain(scene: Scene, gain: Gain, path: Path | None = None) -> None:
 
 
 def _key(scene: Scene) -> str:
-    """A digest of everything that the brightness of a scene depends on: a bench of one or two modulators."""
+    """A digest of everything that the brightness of a scene depends on: a bench of one or two modulators. Its text has
+    every number exactly, whatever prints it."""
     assert isinstance(scene.drive, np.ndarray)
-    digest = hashlib.blake2b(repr((_REVISION, scene.plane_m, scene.drive.shape)).encode(), digest_size=16)
+    text = f"{_REVISION} {float(scene.plane_m)!r} {scene.drive.shape} {preset.dumps(scene.system)}"
+    digest = hashlib.blake2b(text.encode(), digest_size=16)
     digest.update(np.ascontiguousarray(scene.drive).tobytes())
-    for field in dataclasses.fields(scene.system):
-        value = getattr(scene.system, field.name)
-        digest.update(
-            field.name.encode() + (value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
-        )
     return digest.hexdigest()
 
 
