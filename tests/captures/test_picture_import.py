@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from benchmarks.plain_light import hologram_levels
+from benchmarks.real_benches import draw, measure
 from holoview.bench.captures.dataset import SHAPE_KEEPING, turned
+from holoview.bench.captures.picture_geometry import find_placements, zero_order_mask
 from holoview.bench.captures.picture_import import KnownCamera, PictureAndPattern, import_pictures, overlay_sheet
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.unknown_settings import dark_noise
@@ -61,6 +66,26 @@ def test_a_pattern_that_was_not_shown_is_refused() -> None:
     other = np.random.default_rng(9).integers(0, 256, PATTERN).astype(np.uint8)
     with pytest.raises(UserError, match="stands nowhere"):
         import_pictures([PictureAndPattern(picture, other)], focal_length_m=0.25, **KNOWN)
+
+
+@pytest.mark.long
+def test_in_a_small_picture_of_a_few_blobs_the_pattern_that_was_shown_stands_out_of_others(tmp_path: Path) -> None:
+    """Others have blobs as well: their placement lays them onto those of the picture, and only grains tell them apart.
+    Of 16 others the highest stood out by 5.6, of two that were shown the lower by 17."""
+    drawn = replace(draw(5, "none", "picture", 64), patterns="blobs")
+    file = measure(drawn, tmp_path, 3)
+    picture, shown = (
+        np.asarray(Image.open(file.with_name(name))) for name in (f"{file.stem}.png", f"{file.stem}-mask.png")
+    )
+    bench, rng = drawn.bench, np.random.default_rng(11)
+    assert bench.focal_length_m is not None
+    scale = drawn.wavelengths_m[0] * bench.focal_length_m / (bench.pitch_m * bench.camera_pitch_m)
+    found = []
+    for pattern in (shown, *(hologram_levels(rng, bench.shape, "blobs") for _ in range(2))):
+        speckle = find_placements(picture, pattern / 256, zero_order_mask(picture, 255), scale)[0].speckle
+        assert speckle is not None
+        found.append(speckle.significance)
+    assert found[0] > 7 > max(found[1:])
 
 
 def _shown(seeds: list[int], wrong: int | None = None, *, is_small: bool = False) -> list[PictureAndPattern]:

@@ -25,7 +25,7 @@ from scipy.ndimage import gaussian_filter, label
 
 from holoview.bench.captures.dataset import ORIENTATIONS, inverse_orientation, turned, undone
 from holoview.bench.captures.unknown_settings import dark_noise
-from holoview.light.numerics.speckle_match import SpeckleMatch, local_mean, match_speckle
+from holoview.light.numerics.speckle_match import LOCAL_MEAN_PX, SpeckleMatch, local_mean, match_speckle
 from holoview.util.progress import ProgressCallback, no_progress
 
 Floats = NDArray[np.float64]
@@ -42,6 +42,10 @@ _ALIKE = 0.9  # of the best score: a candidate that speckle has to exclude
 _COMMON_SCALES = 0.996, 0.998, 1.0, 1.002, 1.004
 _WINDOW = 480, 640  # camera pixels in which speckle is compared
 _REACH_PX, _AROUND_PX = 25, 80
+_MEAN_SHARE = 1 / 24
+"""Most of a window's shorter side that the local mean's Gaussian may have as σ. In pictures of 93 and 141 rows a σ of 12
+pixels leaves the shape of a few blobs in the contrasts: 12 other patterns stood by up to 9.2, the right one by 10.4; 4
+others by up to 4.6, the right one by 6.5. With this share they do by 5.6, 19.7, 4.1 and 17.1."""
 _BEAMS = 1.0, 0.7, 0.5, 0.35, 0.25  # radii of light tried, of half the modulator's shorter side
 _STROKES = 0.5, 0.9  # tried, of the assumed one
 _DARK_SHARE = 0.005  # of the pixels, the darkest, which tell what is no light
@@ -182,11 +186,13 @@ class WindowedPicture:
         self._phase, self._shape = phase, picture.shape
         least = min(self._light.shape)
         self._reach = {"reach_px": min(_REACH_PX, least // 8), "around_px": min(_AROUND_PX, least // 3)}
+        self._mean_px = min(LOCAL_MEAN_PX, least * _MEAN_SHARE)
 
     def matched(self, placement: SpectrumPlacement) -> SpectrumPlacement:
         """The placement with the match of the speckle that its beam, stroke and wavefront predict."""
         predicted = simple_prediction(self._phase, placement, self._shape, self._window)
-        return replace(placement, speckle=match_speckle(self._light, predicted, self._usable, **self._reach))
+        match = match_speckle(self._light, predicted, self._usable, **self._reach, mean_px=self._mean_px)
+        return replace(placement, speckle=match)
 
 
 def _lit(picture: Floats, usable: Masks) -> Masks:
