@@ -43,9 +43,9 @@ _COMMON_SCALES = 0.996, 0.998, 1.0, 1.002, 1.004
 _WINDOW = 480, 640  # camera pixels in which speckle is compared
 _REACH_PX, _AROUND_PX = 25, 80
 _MEAN_SHARE = 1 / 24
-"""Of a window's shorter side: the largest σ of the local mean. In pictures of 93 and 141 rows a σ of 12 pixels leaves the
-shape of a few blobs in the contrasts: 12 other patterns stood out by up to 9.2, the right one by 10.4; 12 others by up to
-4.6, the right one by 6.5. With 4 and 6 pixels they do by 5.6, 19.7, 4.1 (of 4) and 17.1."""
+"""Of a window's shorter side: the largest σ of the local mean. In pictures of 93 and 141 rows a σ of 12 pixels leaves
+the shape of a few blobs in the contrasts: 12 other patterns stood out by up to 9.2, the right one by 10.4; 12 others by
+up to 4.6, the right one by 6.5. With 4 and 6 pixels they do by 5.6, 19.7, 4.1 (of 4) and 17.1."""
 _BEAMS = 1.0, 0.7, 0.5, 0.35, 0.25  # radii of light tried, of half the modulator's shorter side
 _STROKES = 0.5, 0.9  # tried, of the assumed one
 _DARK_SHARE = 0.005  # of the pixels, the darkest, which tell what is no light
