@@ -175,10 +175,12 @@ def power_behind(spectrum: Any, stride: Any, passed: Any, passed_stride: Any, po
 
 
 @compiled
-def _spread(pixels: Any, at: Any, count: Any, size: Any, start: Any, line: Any) -> None:
-    """A row of pixels at the samples of the field."""
+def _spread(pixels: Any, at: Any, count: Any, size: Any, start: Any, line: Any, conjugates: Any) -> None:
+    """A row of pixels, or of their conjugates, at the samples of the field."""
     for x in range(count):
         real, imaginary = pixels[at + 2 * x], pixels[at + 2 * x + 1]
+        if conjugates:
+            imaginary = -imaginary
         for i in range(start + x * size, start + (x + 1) * size):
             line[2 * i] = real
             line[2 * i + 1] = imaginary
@@ -186,9 +188,18 @@ def _spread(pixels: Any, at: Any, count: Any, size: Any, start: Any, line: Any) 
 
 @compiled
 def modulate(
-    field: Any, stride: Any, pixels: Any, pixel_stride: Any, place: Any, target: Any, target_stride: Any, shape: Any
+    field: Any,
+    stride: Any,
+    pixels: Any,
+    pixel_stride: Any,
+    place: Any,
+    target: Any,
+    target_stride: Any,
+    shape: Any,
+    conjugates: Any,
 ) -> None:
-    """A field (y, x) times the transmission of pixels, 0 beside them.
+    """A field (y, x) times the transmission of pixels, 0 beside them; times its conjugate, which is the adjoint for the
+    field, if conjugates.
 
     place: rows and columns of pixels, samples of one along an axis, and the first sample (y, x). shape: of the field.
     """
@@ -200,33 +211,12 @@ def modulate(
             to[:] = 0
             continue
         if (y - top) % size == 0:
-            _spread(pixels, (y - top) // size * pixel_stride, columns, size, left, line)
+            _spread(pixels, (y - top) // size * pixel_stride, columns, size, left, line, conjugates)
         own = field[y * stride : y * stride + 2 * shape[1]]
         for x in range(shape[1]):
             a, b, u, v = own[2 * x], own[2 * x + 1], line[2 * x], line[2 * x + 1]
             to[2 * x] = a * u - b * v
             to[2 * x + 1] = a * v + b * u
-
-
-@compiled
-def return_to_field(
-    slopes: Any, stride: Any, pixels: Any, pixel_stride: Any, place: Any, target: Any, target_stride: Any, shape: Any
-) -> None:
-    """The adjoint of `modulate` for the field: slopes g (y, x) times the conjugate transmission."""
-    rows, columns, size, top, left = place
-    line = np.zeros(2 * shape[1], slopes.dtype)
-    for y in range(shape[0]):
-        to = target[y * target_stride : y * target_stride + 2 * shape[1]]
-        if y < top or y >= top + rows * size:
-            to[:] = 0
-            continue
-        if (y - top) % size == 0:
-            _spread(pixels, (y - top) // size * pixel_stride, columns, size, left, line)
-        own = slopes[y * stride : y * stride + 2 * shape[1]]
-        for x in range(shape[1]):
-            a, b, u, v = own[2 * x], own[2 * x + 1], line[2 * x], line[2 * x + 1]
-            to[2 * x] = a * u + b * v
-            to[2 * x + 1] = b * u - a * v
 
 
 @compiled

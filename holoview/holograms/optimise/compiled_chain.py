@@ -20,7 +20,6 @@ from holoview.holograms.optimise.chain_kernels import (
     filter_columns,
     modulate,
     power_behind,
-    return_to_field,
     return_to_pixels,
     show_rows,
     slope_rows,
@@ -306,7 +305,7 @@ class _Modulated(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, field: Tensor, pixels: Tensor, place: Place) -> Tensor:
         out = _room(*field.shape, like=field)
-        _over_field(modulate, field, pixels, place, out)
+        _modulate(field, pixels, place, out, conjugates=False)
         ctx.save_for_backward(field, pixels)
         ctx.place = place
         return out
@@ -318,7 +317,7 @@ class _Modulated(torch.autograd.Function):
         slopes = slopes.resolve_conj()
         if ctx.needs_input_grad[0]:
             of_field = _room(*field.shape, like=field)
-            _over_field(return_to_field, slopes, pixels, ctx.place, of_field)
+            _modulate(slopes, pixels, ctx.place, of_field, conjugates=True)
         if ctx.needs_input_grad[1]:
             of_pixels = torch.empty_like(pixels)
             (own, (step,)), (light, (light_step,)), (out, (out_step,)) = map(strided_view, (slopes, field, of_pixels))
@@ -326,9 +325,9 @@ class _Modulated(torch.autograd.Function):
         return of_field, of_pixels, None
 
 
-def _over_field(function: Any, field: Tensor, pixels: Tensor, place: Place, out: Tensor) -> None:
+def _modulate(field: Tensor, pixels: Tensor, place: Place, out: Tensor, *, conjugates: bool) -> None:
     (own, (step,)), (light, (light_step,)), (to, (to_step,)) = map(strided_view, (field, pixels, out))
-    function(own, step, light, light_step, place, to, to_step, tuple(field.shape))
+    modulate(own, step, light, light_step, place, to, to_step, tuple(field.shape), conjugates)
 
 
 class _Relayed(torch.autograd.Function):
