@@ -586,8 +586,7 @@ def _judged_whole(
     """
     whole.workers.rest()  # they hold a gigabyte each, and whole pictures are mostly fitted here
     torch.set_num_threads(whole.workers.workers)  # most of what follows runs here, a few large fields at a time
-    whole = replace(whole, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
-    whole = replace(whole, has_open_sampling=False)  # decided in the first search
+    whole = _with_findings_of(found.context, whole)
     last = fitted or found
     explains = last.decision.verdict not in _OPEN
     initial = InitialCandidates(_named_fits(last), explains, is_corrected, refit)
@@ -598,6 +597,12 @@ def _judged_whole(
         outcome = replace(outcome, result=replace(outcome.result, unseen_rivals=unseen))
     are_of_parts = fitted is not None and outcome.result.best.fit in initial.fits
     return replace(outcome, middle=found.context, fitted=fitted.context if fitted and are_of_parts else None)
+
+
+def _with_findings_of(first: SearchContext, further: SearchContext) -> SearchContext:
+    """The context of a further search with the nuisances of a first one, which has decided on samples, too."""
+    jitter = first.has_camera_jitter
+    return replace(further, prnu=first.prnu, has_camera_jitter=jitter, has_open_sampling=False)
 
 
 def _fitted_to_parts(
@@ -622,8 +627,7 @@ def _fitted_to_parts(
             break
         progress(0, 1, "light from beyond the parts")
         corrected = without_light_from_beyond(whole, parts, values)
-        corrected = replace(corrected, prnu=found.context.prnu, has_camera_jitter=found.context.has_camera_jitter)
-        corrected = replace(corrected, has_open_sampling=False)
+        corrected = _with_findings_of(found.context, corrected)
         initial = InitialCandidates(_named_fits(found), are_searched=True, over_field_only=True)
         found = outcome = search_once(corrected, found.context.left_out, progress, initial)
         if {*found.decision.values} == causes or found.was_ended:
