@@ -485,6 +485,30 @@ def pairs(singles: Sequence[Correction]) -> list[Hypothesis]:
     return [hypothesis(pair) for pair in combinations(few, 2) if pair[0].effect != pair[1].effect]
 
 
+def moves_only(corrections: Hypothesis, captures: Captures) -> bool:
+    """Whether the corrections of patterns and pictures undo each other, so that they change where the axis lies alone.
+
+    Patterns turned with the pictures predict the same, and in a far field inverted levels turn it by 180°. Only a
+    picture beside the axis then moves, which a displaced camera or a tilt does as well.
+    """
+    turns = [c for c in corrections if isinstance(c, (SlmOrientation, SlmInversion))]
+    of_camera = [c for c in corrections if isinstance(c, CameraOrientation)]
+    if not turns or captures.chain is not None or not (captures.is_fourier or of_camera):
+        return False
+    upright = np.arange(4).reshape(2, 2)
+    seen = of_camera[0].undone(upright) if of_camera else upright
+    for slm in range(captures.levels.shape[1]):
+        turned = upright
+        for turn in (one for one in turns if one.slm == slm):
+            if isinstance(turn, SlmInversion) and not captures.is_fourier:
+                return False
+            orientation = turn.orientation if isinstance(turn, SlmOrientation) else "rotate_180"
+            turned = undone(turned, orientation)
+        if not np.array_equal(turned, seen):
+            return False
+    return True
+
+
 def preference(corrections: Hypothesis) -> tuple[object, ...]:
     """Sorts explanations that predict alike: fewer corrections first, then modulators before the camera.
 

@@ -43,6 +43,7 @@ from holoview.bench.captures.records.corrections import (
     column_values,
     cyclic_orders,
     hypothesis,
+    moves_only,
     pairs,
     preference,
     single_corrections,
@@ -397,6 +398,7 @@ class _CorrectionSearch:
 
     def _best_of(self, base: TrialScore, hypotheses: Sequence[Hypothesis]) -> list[TrialScore]:
         """The best hypothesis, then those that predict the same; empty unless it beats the base beyond chance."""
+        hypotheses = [one for one in hypotheses if not moves_only(one, self.trials.captures)]
         self._tried += len(hypotheses)
         screened = self._chosen.screened
         promising = self._most_significant(hypotheses, screened[:1], PROMISING)
