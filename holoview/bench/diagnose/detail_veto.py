@@ -28,6 +28,7 @@ from holoview.bench.diagnose.judge import (
     HeldOutScore,
     SearchResult,
     Verdict,
+    chance_excess,
     explained_excess,
     score_on_held_out,
 )
@@ -59,8 +60,8 @@ _UNCORRELATED = 0.3
 wasn't there, 0.77 with the true light."""
 _BY_CHANCE, _LEAST_SIGNIFICANCE = 0.6, 4.0
 """[1, σ] A higher correlation is chance's, too, if it is below the first and stands out by less than the second.
-Evidence: drawn benches: in a picture of few grains 0.36 and 2.1 σ with a blur that wasn't there; with true causes 5 σ and
-more."""
+Evidence: drawn benches: in a picture of few grains 0.36 and 2.1 σ with a blur that wasn't there; with true causes 5 σ
+and more."""
 Floats = NDArray[np.float64]
 Masks = NDArray[np.bool_]
 
@@ -112,8 +113,9 @@ def veto_no_size(
     fitted: SearchContext | None = None,
 ) -> tuple[SearchResult, Decision, list[str]]:
     """The result and the decision without causes whose every number has its nominal value in its interval, as long as
-    held-out pictures are predicted about as well without them; with notes. One cause stays, and causes that explain the
-    captures do so without the others too.
+    held-out pictures are predicted about as well without them; with notes. One cause stays. Causes that predict the
+    captures down to their noise explain them without the others too; of those that leave more, the captures may be
+    partly explained without the others.
 
     intervals: of each (effect, parameter). fitted: the captures, or parts of large ones, to which the others are fitted
     again where the cause can't just be left out; None without that.
@@ -123,14 +125,16 @@ def veto_no_size(
         return result, decision, notes
     named, nominal = best, result.nominal.excess
     explains = decision.verdict is not Verdict.PARTLY
-    most = explained_excess(nominal, result.pixel_count, context.config.verdict) if explains else math.inf
+    limit = explained_excess(nominal, result.pixel_count, context.config.verdict) if explains else math.inf
+    most = limit if best.excess <= chance_excess(result.pixel_count) else math.inf
     for name in reversed(named.causes):
         if len(best.causes) == 1 or not _may_be_nominal(name, intervals):
             continue
         fewer = _best_without(name, best, result)
         of_excess = nominal if explains else best.excess
         needed = _needed(context, result, of_excess, _NO_SIZE_SHARE)
-        if _lost(fewer, best, result) >= needed and fitted is not None and fitted.end.seconds_left > 0:
+        is_missed = _lost(fewer, best, result) >= needed or fewer.excess > limit
+        if is_missed and fitted is not None and fitted.end.seconds_left > 0:
             again = refine_fit(fitted, best.fit.without(name))
             fewer = score_on_held_out(again, result.comparison, result.tolerant_comparison)
             needed = _needed(context, result, of_excess, _NO_SIZE_SHARE_REFITTED)
@@ -143,7 +147,8 @@ def veto_no_size(
     if alike is not None and alike.fit is named.fit:
         result = replace(result, lookalikes=replace(alike, fit=best.fit))  # not computed again for those that stay
     rivals = tuple(one for one in decision.rivals if not dropped & {*one.causes})
-    return result, replace(decision, best=best, rivals=rivals), notes
+    verdict = Verdict.PARTLY if best.excess > limit else decision.verdict
+    return result, replace(decision, verdict=verdict, best=best, rivals=rivals), notes
 
 
 def _best_without(name: str, best: HeldOutScore, result: SearchResult) -> HeldOutScore:

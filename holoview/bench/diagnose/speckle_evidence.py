@@ -32,6 +32,9 @@ _MOST_PART_PX = 350_000
 _STANDING = 0.85
 """[1] Correlation of held-out speckle above which the nominal bench needs no such search. Evidence: none recorded."""
 _GAIN = 0.1  # [1] Of that correlation, below which nothing was found. Evidence: ten times what chance gives.
+_MISSING_GAIN = 1 / 3
+"""[1] Of what that correlation lacks of 1, the same where speckle nearly stands. Evidence: a reason: least squares
+judge what is found."""
 _LEAST = 0.3  # [1] Of it, below which nothing is handed on. Evidence: none recorded.
 _WINDOW_PX = 320, 640
 """[px] Rows and columns of the brightest window, in which light is sought and causes are judged. Evidence: the cost."""
@@ -73,8 +76,6 @@ def window_for_light(captures: Captures, effects: Collection[str]) -> LightWindo
         return None
     beam, stands = near_beam(window), SpeckleSearch(Pictures(data)).held_out(None) > _STANDING
     has_beam = beam is not None and beam.explained > 0
-    if stands and not (has_beam or window.is_fourier):
-        return None
     return LightWindow(window, beam, is_first=not stands and (beam is None or has_beam))
 
 
@@ -101,7 +102,8 @@ def light_by_speckle(
             tell("The light wasn't sought by speckle: the pictures show too little around their middle for five parts")
             return None
         found = find_light(pictures, pictures, progress, beam)
-    gain = 0.0 if beam is not None and beam.explained > 0 else _GAIN  # where brightness gains, speckle may stand before
+    gain = min(_GAIN, _MISSING_GAIN * (1 - found.before))
+    gain = 0.0 if beam is not None and beam.explained > 0 else gain  # where brightness gains, speckle may stand before
     return found if found.after > max(found.before + gain, _LEAST) else None
 
 
