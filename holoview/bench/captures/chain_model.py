@@ -62,12 +62,11 @@ class ChainModel:
         *_, (_, last) = light_along(stages, component.wavelength, 0, component.source)
         seen = stages.transmit(last, self.plan.way.last, component.wavelength)
         pose_key = self.effects.cache_key(*POSE_HOOKS)
-        band = FrequencyBand(self.plan.grid.padded, self.plan.grid.padded)
 
         def picture() -> Tensor:
             pose = self.effects.camera_pose(float(self.plan.planes_m[0]))
-            spectrum = stages.whole_spectrum(seen, self.plan.way.last)
-            return camera_picture(spectrum, band, self.plan.grid, self.pixel_grid, pose, self.effects.camera_motion())
+            spectrum = stages.spectrum_in_band(seen, self.plan.way.last)
+            return camera_picture(*spectrum, self.plan.grid, self.pixel_grid, pose, self.effects.camera_motion())
 
         return self.cache.get((stages.key, "intensity", pose_key), picture)
 
@@ -129,13 +128,15 @@ class _Stages(TorchPropagation):
         is_changed = self._model.effects.on_parts(self.plan.way.relay_names[relay], "pupil")
         return cache.get(key, compute) if is_changed else cache.get_invariant(key, compute)
 
-    def whole_spectrum(self, seen: TorchField, relay: int) -> Tensor:
-        """A spectrum at all frequencies of the padded grid, (P_y, P_x), of a field that begins at its first sample."""
+    def spectrum_in_band(self, seen: TorchField, relay: int) -> tuple[Tensor, FrequencyBand]:
+        """A spectrum behind a relay in the smallest band that holds it, of a field that begins at its first sample."""
         ky, kx = self._frequency_tensors(relay)
         padded, offset = self.plan.grid.padded, self.plan.grid.offset
-        whole = torch.zeros(padded, dtype=seen.values.dtype)
-        whole[(ky % padded[0])[:, None], (kx % padded[1])[None, :]] = seen.values
-        return FrequencyBand(padded, padded).displaced(whole, (-offset[0], -offset[1]))
+        band = FrequencyBand(padded, (int(ky.abs().max()), int(kx.abs().max())))
+        rows, columns = (len(k) for k in band.frequency_indices)
+        held = torch.zeros((rows, columns), dtype=seen.values.dtype)
+        held[(ky % rows)[:, None], (kx % columns)[None, :]] = seen.values
+        return band.displaced(held, (-offset[0], -offset[1])), band
 
 
 class _Inputs(ChainTransmissions):
