@@ -699,7 +699,7 @@ class FourierBenchModel(CameraModel):
             lines, sine_y = along(field, 0, node_y)
             for node_x, weight_x in nodes:
                 light, sine_x = along(lines, 1, node_x)
-                seen = squared_magnitude(light) * self._stop_mask(λ, sine_y[:, None], sine_x)
+                seen = self._behind_stops(squared_magnitude(light), λ, sine_y[:, None], sine_x)
                 total = total + weight_y * weight_x * seen
         return total
 
@@ -716,16 +716,19 @@ class FourierBenchModel(CameraModel):
         def factor(y: Tensor, x: Tensor) -> Tensor:
             envelope = torch.special.sinc((y * cycles - tilt_y).to(self.real_dtype)).square()
             envelope = envelope * torch.special.sinc(x * cycles - tilt_x).square().to(self.real_dtype)
-            return envelope * self._stop_mask(λ, y * sine, x * sine) / field.numel()
+            return self._behind_stops(envelope, λ, y * sine, x * sine) / field.numel()
 
         turns = (0.0, cycles), (0.0, cycles)
         return turned_power(field, pose.inverse_affine(pixel_grid.pitch_m), pixel_grid.shape, turns, factor, nodes)
 
-    def _stop_mask(self, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
-        """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns).
+    def _behind_stops(self, light: Tensor, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
+        """A power (rows, columns) where the stops pass light to the camera, 0 elsewhere.
 
         sine_y: of the rows, (rows, 1), or of each place. sine_x: of the columns.
         """
+        stops = (self.relays[1].iris_na, self.relays[1].square, self.plan.system.relay2.dc_block_na)
+        if all(stop is None for stop in stops):
+            return light
         sine2 = sine_y.square() + sine_x.square()
         passes = torch.ones_like(sine2, dtype=torch.bool)
         y, x = (sine - centre for sine, centre in zip((sine_y, sine_x), self.relays[1].centre_na, strict=True))
@@ -736,7 +739,7 @@ class FourierBenchModel(CameraModel):
             passes &= (y.abs() < half) & (x.abs() < half)
         if self.plan.system.relay2.dc_block_na is not None:
             passes &= sine2 > self.plan.system.relay2.dc_block_na**2
-        return passes.to(self.real_dtype)
+        return light * passes.to(self.real_dtype)
 
     def _speckle_m(self, component: IncoherentComponent) -> float:
         """Period on the camera of the finest structure, by light from both ends of the modulator's longer side."""

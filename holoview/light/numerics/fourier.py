@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -173,16 +174,34 @@ def chirp_z_transform(
     """
     n = values.shape[-1]
     if max(n, count) <= matrix_limit:
-        return values @ dft_matrix(n, first, step, count).to(values.dtype).to(values.device).T
+        return values @ _matrix(n, first, step, count, values.dtype).to(values.device).T
+    before, chirp, after = _chirps(n, first, step, count, values.dtype)
+    length = len(chirp)
+    spectrum = torch.fft.fft(values * before, n=length) * chirp
+    return torch.fft.ifft(spectrum)[..., n - 1 : n - 1 + count] * after
+
+
+# A camera stays where it is while other effects are fitted: the same factors serve thousands of pictures. They are
+# ordinary tensors, which derivatives may pass, whatever the mode of the first call.
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def _chirps(n: int, first: float, step: float, count: int, dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+    """The factor of the samples, (n,), that of their spectrum, and the factor of the sums, (count,)."""
     j = torch.arange(n, dtype=torch.float64)
     k = torch.arange(count, dtype=torch.float64)
     lags = torch.arange(-(n - 1), count, dtype=torch.float64)
-    length = next_fast_length(n + count - 1)
     before = phasor_of_turns(-(first * j + 0.5 * step * j * j))
     after = phasor_of_turns((first + k * step) * ((n - 1) / 2) - 0.5 * step * k * k)
-    chirp = torch.fft.fft(phasor_of_turns(0.5 * step * lags * lags), n=length)
-    spectrum = torch.fft.fft(values * before.to(values.dtype), n=length) * chirp.to(values.dtype)
-    return torch.fft.ifft(spectrum)[..., n - 1 : n - 1 + count] * after.to(values.dtype)
+    chirp = torch.fft.fft(phasor_of_turns(0.5 * step * lags * lags), n=next_fast_length(n + count - 1))
+    return before.to(dtype), chirp.to(dtype), after.to(dtype)
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def _matrix(n: int, first: float, step: float, count: int, dtype: torch.dtype) -> Tensor:
+    return dft_matrix(n, first, step, count).to(dtype)
 
 
 def dft_matrix(n: int, first: float, step: float, count: int) -> Tensor:
