@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -454,17 +454,26 @@ class _StuckSearch:
     def _with_best_spans(self, places: list[DeadPlace], comparison: Comparison) -> list[DeadPlace]:
         """Parts of lines with the ends that lower χ² most; whole lines where they cost little more."""
         for line in [place for place in places if place.span is not None]:
-            others, best, cost = [one for one in places if one is not line], line, np.inf
-            while best.span is not None and (now := cost_or_inf(comparison, self.values([*others, best]))) < cost:
-                cost, count = now, self._whole[0 if line.row is None else 1]
-                spans = spans_near(best.span, count, _END_MOVES)
-                tried = [[*others, replace(best, span=span)] for span in (best.span, *spans)]
-                best = self._cheapest(tried, comparison)[-1]
-            whole = [*others, replace(best, span=None)]
-            places = [*others, best]
+            others = [one for one in places if one is not line]
+            places = [*others, self._with_best_span(line, others, comparison)]
+            whole = [*others, replace(line, span=None)]
             if not self._gains_enough(comparison, whole, places):
                 places = whole
         return places
+
+    def _with_best_span(self, line: DeadPlace, others: list[DeadPlace], comparison: Comparison) -> DeadPlace:
+        """A part of a line with the end that lowers χ² most beside other places: each move is predicted once."""
+
+        @cache
+        def cost(span: tuple[int, int]) -> float:
+            return cost_or_inf(comparison, self.values([*others, replace(line, span=span)]))
+
+        assert line.span is not None
+        span, least, count = line.span, np.inf, self._whole[0 if line.row is None else 1]
+        while cost(span) < least:
+            least = cost(span)
+            span = min((span, *spans_near(span, count, _END_MOVES)), key=cost)
+        return replace(line, span=span)
 
     def _cheapest(self, tried: list[list[DeadPlace]], comparison: Comparison) -> list[DeadPlace]:
         return min(tried, key=lambda places: cost_or_inf(comparison, self.values(places)))

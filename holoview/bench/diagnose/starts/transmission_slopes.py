@@ -140,7 +140,8 @@ def line_significance(gains: Floats, axis: int, segments: int, least: int) -> Fl
     """How far lines stand out, (level, line): whole, or in parts of `least` segments and more from one edge on."""
     parts = _segment_gains(gains, axis, segments)
     spans = [parts, *(half for n in range(least, len(parts)) for half in (parts[:n], parts[-n:]))]
-    return np.asarray(np.max([significance(len(span) * np.median(span, axis=0)) for span in spans], axis=0))
+    of_spans = significance(np.concatenate([len(span) * np.median(span, axis=0) for span in spans]))
+    return np.asarray(of_spans.reshape(len(spans), *parts.shape[1:]).max(axis=0))
 
 
 def _segment_gains(gains: Floats, axis: int, segments: int) -> Floats:
@@ -156,20 +157,18 @@ def significance(gains: Floats) -> Floats:
     percentile of its gains.
     """
     flat = gains.reshape(len(gains), -1)
-    out = np.zeros(flat.shape)
-    for level, values in enumerate(flat):
-        above, scale = _above_median(values, values)
-        large = float(np.quantile(np.abs(values), 0.99))
-        if scale < 1e-3 * large:
-            above, scale = _above_median(values, values[np.abs(values) > 1e-2 * large])
-        out[level] = above / max(scale, 1e-30)
-    return out.reshape(gains.shape)
+    middle, scale = _middle_and_deviation(flat)
+    large = np.quantile(np.abs(flat), 0.99, axis=1)
+    for level in np.flatnonzero(scale < 1e-3 * large):
+        lit = flat[level, np.abs(flat[level]) > 1e-2 * large[level]]
+        middle[level], scale[level] = _middle_and_deviation(lit)
+    return np.asarray((flat - middle[:, None]) / np.maximum(scale, 1e-30)[:, None]).reshape(gains.shape)
 
 
-def _above_median(values: Floats, among: Floats) -> tuple[Floats, float]:
-    """How far values are above the median of some of them, and the standard deviation that these have by theirs."""
-    middle = np.median(among)
-    return values - middle, 1.4826 * float(np.median(np.abs(among - middle)))
+def _middle_and_deviation(values: Floats) -> tuple[Floats, Floats]:
+    """The median along the last axis, and the standard deviation by that of the distances from it."""
+    middle = np.asarray(np.median(values, axis=-1))
+    return middle, np.asarray(1.4826 * np.median(np.abs(values - middle[..., None]), axis=-1))
 
 
 def _earlier_patterns(comparison: Comparison, of: TransmissionSlope) -> Floats:
