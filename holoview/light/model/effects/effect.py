@@ -35,6 +35,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -631,7 +632,12 @@ class Effect:
 
     def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""
-        return getattr(type(self), hook) is not getattr(Effect, hook)
+        return _is_overridden(type(self), hook)
+
+
+@lru_cache(maxsize=4096)  # asked thousands of times for each picture that is predicted
+def _is_overridden(kind: type[Effect], hook: str) -> bool:
+    return getattr(kind, hook) is not getattr(Effect, hook)
 
 
 # --- starting points that several effects share -----------------------------------------------------------------------

@@ -29,6 +29,7 @@ from holoview.light.model.effects.effect import (
     DataProperties,
     Effect,
     ExposureSample,
+    Needs,
     Parameter,
     Values,
 )
@@ -494,8 +495,7 @@ def unmet_by_bench(effect: Effect, bench: DataProperties) -> str:
     acts_on_modulator = any(effect.overrides(hook) for hook in (*MODULATOR_HOOKS, "exposure_samples"))
     if bench.is_field and (acts_on_modulator or any(part.startswith("modulator") for part in effect.acts_on)):
         return "acts on a modulator, and a field has none"
-    needs = dataclasses.replace(effect.needs, wavelengths=1, planes=1)
-    if unmet := needs.unmet_by(dataclasses.replace(bench, powers=2)):
+    if unmet := _unmet_by_content(effect.needs, bench):
         return unmet
     if effect.acts_on and not parts & set(effect.acts_on):
         return f"acts on {' and '.join(effect.acts_on)}, and this bench has {', '.join(sorted(parts))} only"
@@ -504,12 +504,19 @@ def unmet_by_bench(effect: Effect, bench: DataProperties) -> str:
     return ""
 
 
+@lru_cache(maxsize=1024)
+def _unmet_by_content(needs: Needs, bench: DataProperties) -> str:
+    """What an effect needs beside several lasers, planes and powers, and of a chain several modulators and irises."""
+    needs = dataclasses.replace(needs, wavelengths=1, planes=1)
+    if bench.elements:
+        needs = dataclasses.replace(needs, modulators=1, irises=())
+    return needs.unmet_by(dataclasses.replace(bench, powers=2))
+
+
 def _unmet_by_chain(effect: Effect, bench: DataProperties) -> str:
     """`unmet_by_bench` of a chain."""
     kinds = dict(bench.elements)
-    if unmet := dataclasses.replace(effect.needs, wavelengths=1, planes=1, modulators=1, irises=()).unmet_by(
-        dataclasses.replace(bench, powers=2)
-    ):
+    if unmet := _unmet_by_content(effect.needs, bench):
         return unmet
     if isinstance(effect, OnElement):
         if effect.element not in kinds:
