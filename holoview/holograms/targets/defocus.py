@@ -95,7 +95,8 @@ def blur_kernel(
         shape = np.outer(_pixel_overlap(half, reach, y)[0], _pixel_overlap(half, reach, x)[0])
         area = 4 * radius**2
     else:
-        shape = (_disc_strips(radius, reach, y, x) + _disc_strips(radius, reach, x, y).T) / 2
+        strips = _disc_strips(radius, reach, y, x)
+        shape = (strips + (strips if x == y else _disc_strips(radius, reach, x, y)).T) / 2
         area = math.pi * radius**2
     return np.asarray(shape / (area if is_cut else shape.sum()))
 
