@@ -56,7 +56,8 @@ def measure(size: tuple[int, int], rounds: int, runs: int) -> Samples:
     bench = system.edit({"shape": [n // upsample for n in size]})
     samples: Samples = {}
     for _ in range(runs):
-        for name, value in (*_frame_ratios(bench, rounds), *_iteration_ratios(size, rounds), *_start_ratios()):
+        frame, iteration, start = _frame_ratios(bench, rounds), _iteration_ratios(size, rounds), _start_ratios(rounds)
+        for name, value in (*frame, *iteration, *start):
             samples.setdefault(name, []).append(value)
     return samples
 
@@ -102,7 +103,7 @@ def _medians(timings: Mapping[str, JobTimings]) -> dict[str, float]:
     return {name: statistics.median(timing.cpu_seconds) for name, timing in timings.items()}
 
 
-def _start_ratios() -> Iterator[tuple[str, float]]:
+def _start_ratios(rounds: int) -> Iterator[tuple[str, float]]:
     """Whole processes, without the rest of the machine: what a command takes before it does anything."""
     words = {
         "torch": ("-c", "import torch"),
@@ -111,7 +112,7 @@ def _start_ratios() -> Iterator[tuple[str, float]]:
     }
     jobs = {name: partial(_process_s, command) for name, command in words.items()}
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(3):
+    for _ in range(rounds):
         for name, job in jobs.items():
             seconds[name].append(job())
     middle = {name: statistics.median(values) for name, values in seconds.items()}

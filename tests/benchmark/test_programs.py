@@ -30,7 +30,7 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     ),
     "card": (
         "--dry-run --minutes 0.4 -o {out}/card",
-        "--dry-run --question --minutes 0.4 -o {out}/card",
+        "--dry-run --question --minutes 0.25 -o {out}/card",
     ),
     "chain_passes": ("--presets michelson-complex --rounds 1",),
     "conformance_peers": ("",),
