@@ -632,7 +632,7 @@ class Effect:
 
     def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""
-        return _is_overridden(type(self), hook)
+        return _is_overridden(type(self), hook)  # type: ignore[arg-type]  # mypy takes no class for hashable
 
 
 @lru_cache(maxsize=4096)  # asked thousands of times for each picture that is predicted
