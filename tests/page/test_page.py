@@ -586,6 +586,46 @@ def test_a_quick_image_says_so_and_the_exact_one_follows(
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
+@needs_chromium
+def test_where_the_exact_image_of_a_plane_comes_soon_no_quick_one_is_computed_before(
+    browser: Browser, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Quick images come first while nobody knows how long it takes, where it takes long, and while one drags."""
+    monkeypatch.setattr("holoview.viewer.page.frame_recording._QUICK_SAMPLES", 0)
+    page = open_page(browser, export_html(tmp_path / "soon.html", written.first))
+    counts = "() => ['quick', 'exact'].map(kind => window.holoview.viewer.times[kind].length)"
+    page.evaluate("() => window.holoview.viewer.busy")
+    assert page.evaluate(counts) == [1, 1]
+    set_state(page, plane_m=9e-3)
+    assert page.evaluate(counts) == [2, 2]
+    page.evaluate("() => { window.holoview.viewer.planeMs = 100 }")  # on a busy machine it may have been slow
+    set_state(page, plane_m=9.3e-3)
+    assert page.evaluate(counts) == [2, 3] and page.inner_text("#message") == ""
+    _is_equal(page_pixels(page), written.first, written.first.system, 9.3e-3)
+    page.evaluate("() => { window.holoview.viewer.planeMs = 1e4 }")
+    set_state(page, plane_m=9.7e-3)
+    assert page.evaluate(counts) == [3, 4]
+    page.evaluate(_DRAG)
+    assert page.evaluate(counts) == [4, 5]
+    _is_equal(page_pixels(page), written.first, written.first.system, 11e-3)
+    set_state(page, gap_m=2.3e-3)  # of which no light is kept
+    assert page.evaluate(counts) == [5, 6]
+    assert browser.close_pages() == []
+
+
+_DRAG = """async () => {
+    const { viewer, set } = window.holoview, { full } = viewer.holograms[0], update = full.update
+    viewer.planeMs = 100
+    let last = null
+    full.update = function (...of) { // a change that comes while the exact image of the one before is computed
+        full.update = update
+        last = set({ plane_m: 11e-3 })
+        return update.apply(full, of)
+    }
+    await set({ plane_m: 10.5e-3 })
+    await last
+}"""
 _QUICK_PIXELS = "async () => [...await window.holoview.viewer.holograms[0].quick.rgba(PAGE.xyz_to_srgb, 0)]"
 
 

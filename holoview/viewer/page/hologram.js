@@ -191,6 +191,11 @@ class LiveHologram {
         }).filter(({ frame, w, key }) => this.done.get(`${frame}|${w}`) !== key)
     }
 
+    // Whether the light behind the last modulator is kept for a state, so that the focal plane alone is left to compute.
+    hasFields(state) {
+        return Boolean(this.replay?.head.is_kept) && this.stale(state).every(({ frame, w, field }) => this.done.get(`field|${frame}|${w}`) === field)
+    }
+
     // Computes what the state asks for and isn't computed yet. `isOutdated` ends it early; true when it is complete.
     async update(state, isOutdated = null) {
         const { device, head } = (await this.opened()).replay

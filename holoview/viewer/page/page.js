@@ -4,6 +4,8 @@ const PAGE = JSON.parse($("holoview-page").textContent)
 const WHOLE_MM = metres => `${(metres * 1e3).toPrecision(4)} mm`
 const SVG = "http://www.w3.org/2000/svg"
 const QUICK = "Quick image; the exact one follows …"
+const COMPUTING = "Computing the image of this plane …"
+const SOON_MS = 1500 // an exact image that comes within it needs no quick one before
 const PUPIL_RANGE_M = [0.5e-3, 12e-3] // of its diameter
 
 // --- state ------------------------------------------------------------------------------------------------------------
@@ -123,6 +125,8 @@ class Viewer {
         this.context = this.canvas.getContext("2d", { colorSpace: this.space })
         this.version = 0
         this.times = { quick: [], exact: [] } // of the last frames, ms
+        this.planeMs = Infinity // of the last exact images for which another plane alone was computed
+        this.isMoving = false // whether the state was changed again before its exact image was complete
         this.firstImage = new Promise(resolve => { this.showFirst = resolve })
     }
 
@@ -148,17 +152,24 @@ class Viewer {
         const began = performance.now()
         const shown = this.shownHolograms()
         const slow = shown.filter(index => this.isSlow(index))
-        for (const index of slow) await this.show(index, this.holograms[index].quick)
-        if (slow.length) {
+        const isPlane = slow.length > 0 && slow.every(index => this.holograms[index].full.hasFields(this.stateOf(index)))
+        const isSoon = isPlane && !this.isMoving && this.planeMs <= SOON_MS
+        this.isMoving = true // until its exact image is complete
+        if (isSoon) $("message").textContent = COMPUTING
+        for (const index of isSoon ? [] : slow) await this.show(index, this.holograms[index].quick)
+        if (slow.length && !isSoon) {
             await this.drawn()
             $("message").textContent = QUICK
             this.note("quick", performance.now() - began)
         }
+        const exactBegan = performance.now()
         for (const index of shown) {
             if (!(await this.show(index, this.holograms[index].full, slow.length ? isOutdated : null))) return
         }
+        if (isPlane) this.planeMs = performance.now() - exactBegan
+        this.isMoving = false
         await this.drawn()
-        if ($("message").textContent === QUICK) $("message").textContent = ""
+        if ([QUICK, COMPUTING].includes($("message").textContent)) $("message").textContent = ""
         this.note("exact", performance.now() - began)
         if (!isOutdated()) await this.report()
     }
