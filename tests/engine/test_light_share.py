@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +17,13 @@ from holoview.light.engine.backend import open_executor
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.light_behind import power_behind
 from holoview.light.engine.light_share import light_shares, luminance_share
+from holoview.light.engine.wgpu_executor import WgpuExecutor
+from holoview.light.gpu.device import Device
+from holoview.light.gpu.line_fft import STRATEGIES, Strategy, supported_strategies
 from holoview.light.model.effects.registry import listed_effects
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import make_plan
+from holoview.light.optics.frame_inputs import FrameInputs
 
 λ, PITCH_M, N = 532e-9, 4e-6, 192
 HALF_M = N * PITCH_M / 2
@@ -150,6 +157,41 @@ def test_both_backends_find_the_same_shares(changes: dict[str, Any]) -> None:
     )
     np.testing.assert_allclose(one, other, rtol=F32)
     assert np.all(one[0] > one[1])  # the farther plane has lost more
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"relay2.iris_na": 0.02},
+        {"eye": {}, "planes": ["9 mm"]},
+        {"effects.aberration2.z5": "300 nm", "relay2.apodisation_na": 0.05},
+        {"source": {"directions": [[0, 0.01], [0.01, 0]]}},
+    ],
+)
+def test_shaders_measure_the_power_behind_the_last_modulator_as_pytorch_does(
+    device: Device, strategy: Strategy, changes: dict[str, Any]
+) -> None:
+    """In every order in which the strategies leave the spectrum."""
+    plan, drive = make_plan(_small(**changes), ["20 mm"]), hv.random_drive(_small(**changes), seed=5)
+    if strategy not in supported_strategies(device, plan.grid.padded):
+        pytest.skip("not on this adapter")
+    executor = WgpuExecutor(plan, FrameInputs(plan, drive), device, measures_power=True)
+    executor.fused.use_strategy(strategy)
+    compute_focal_stack(executor)
+    assert executor.power_behind is not None
+    np.testing.assert_allclose(executor.power_behind, power_behind(plan, drive), rtol=F32)
+
+
+@pytest.mark.gpu
+def test_a_render_of_light_that_leaves_the_picture_loads_no_pytorch(tmp_path: Path) -> None:
+    code = "import sys\nfrom holoview.commands.cli import main\nassert main() == 0 and 'torch' not in sys.modules"
+    command = ["render", "holochrome-8", "--set", "shape=[48, 64]", "--random", "0", "--plane", "20mm", "-o", "it.png"]
+    result = subprocess.run([sys.executable, "-c", code, *command], cwd=tmp_path, capture_output=True, text=True)
+    assert "light in the picture: " in result.stdout + result.stderr, result.stderr
+    assert result.returncode == 0
 
 
 @pytest.mark.parametrize("name", list(listed_effects()))

@@ -14,11 +14,15 @@ from holoview.light.engine.compositor import Compositor
 from holoview.light.engine.frame import light_along
 from holoview.light.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.light.engine.fused_kernels import TILE_X, TILE_Y, StoredRows
+from holoview.light.engine.light_behind import power_behind
+from holoview.light.engine.wgpu_executor import WgpuExecutor
 from holoview.light.gpu.device import Device
 from holoview.light.gpu.line_fft import supported_strategies
 from holoview.light.gpu.recorder import CommandRecorder
 from holoview.light.model.chain import Modulate
+from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import FrameInputs
 
 pytestmark = pytest.mark.gpu
 
@@ -88,6 +92,19 @@ def test_a_whole_chain_is_the_same_on_all_backends(name: str) -> None:
         found = simulate(system, drive, backend=backend).intensity
         # independent roundings of up to 30 stages of 2.6e-7 each, in quadrature, √2 times as much in intensity
         assert relative_error(found, exact) < np.sqrt(2 * 30) * 2.6e-7
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_the_power_behind_a_chain_is_what_torch_finds(device: Device, name: str) -> None:
+    """Of one place it isn't measured."""
+    system = _chain(CHAINS[name])
+    plan, drive = make_plan(system), random_drive(system, seed=2)
+    executor = WgpuExecutor(plan, FrameInputs(plan, drive), device, measures_power=True)
+    for wavelength in range(len(plan.system.wavelengths_m)):
+        executor.run(wavelength)
+    assert (executor.power_behind is None) == (len(plan.way.places) == 1)
+    if executor.power_behind is not None:  # sums of 1e4 squares with a few roundings each: measured 5e-7
+        np.testing.assert_allclose(executor.power_behind, power_behind(plan, drive), rtol=2e-5)
 
 
 # --- the fused kernels ------------------------------------------------------------------------------------------------

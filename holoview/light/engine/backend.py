@@ -21,7 +21,7 @@ def open_executor(
 
     backend: "wgpu", "torch" (complex64), "torch64" (complex128), or "auto": WebGPU if possible, else PyTorch, in which
     case the label states the reason. adapter: a part of the name of the WebGPU adapter. measures_power: measure
-    `power_behind` beside the frame, if PyTorch computes it.
+    `power_behind` beside the frame, where the executor can.
     Raises UserError for an unknown backend, for "wgpu" or a named adapter if none is suitable, and for a plan that
     leaves nothing to see (`check_plan`).
     """
@@ -39,7 +39,7 @@ def open_executor(
     try:
         device = open_device(adapter)
         try:
-            return WgpuExecutor(plan, inputs, device), f"wgpu: {device.info.label}"
+            return WgpuExecutor(plan, inputs, device, measures_power=measures_power), f"wgpu: {device.info.label}"
         except UserError as error:
             size = " x ".join(map(str, reversed(plan.grid.padded)))
             remedy = f"{error.remedy}: it is {size}, from shape, upsample and propagation; or use --backend torch"

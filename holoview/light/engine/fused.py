@@ -37,6 +37,8 @@ from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor, WeightedIntensity
 from holoview.light.engine.fused_kernels import (
+    TILE_X,
+    TILE_Y,
     FrameLayout,
     FusedKernels,
     KernelVariant,
@@ -67,7 +69,7 @@ from holoview.light.gpu.line_fft import Strategy
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch
 from holoview.light.model.passband import Transfer
 from holoview.light.model.plan import Plan
-from holoview.light.numerics.sampling import ceil_div
+from holoview.light.numerics.sampling import ceil_div, frequency_indices, round_up
 from holoview.util.mailbox import Inputs, are_same
 
 _MOST_MADE_BYTES = 2**27  # of the tables of a chain that are kept from one update to the next
@@ -565,6 +567,27 @@ class FusedFrame:
         """Gives the tables back that were made for beams of a chain, if they take more memory."""
         if self.tables.trim(most_bytes):
             self._dispatches.clear()
+
+    def download_spectrum(
+        self, kept: BufferRegion
+    ) -> tuple[NDArray[np.integer], NDArray[np.integer], NDArray[np.complexfloating]]:
+        """The spectrum behind the last of several places, after the work that was submitted.
+
+        kept: as `record_light` gives it, of one wavelength; of rows, the transform along y is done here. Returns signed
+        indices of the rows (A,) and of the columns (B,), and the values (A, B), with phases from the field's first row
+        where that transform was done.
+        """
+        layout, rows = self.layout, self.layout.kept
+        shape = (round_up(rows.rows, TILE_Y), rows.stride)
+        values: NDArray[np.complex64] = self.device.download(kept.buffer, np.complex64, shape)
+        if layout.is_tiled:
+            tiles = values.reshape(shape[0] // TILE_Y, rows.stride // TILE_X, TILE_Y, TILE_X)
+            values = tiles.swapaxes(1, 2).reshape(shape)
+        values, kx = values[: rows.rows, : rows.columns], layout.columns(layout.shape.last_relay).frequencies()
+        if layout.keeps_spectrum:
+            return layout.spectrum_rows().frequencies(), kx, values
+        height = self.grid.padded[0]
+        return frequency_indices(height), kx, np.fft.fft(values, height, axis=0)
 
     def record_intensity(
         self,

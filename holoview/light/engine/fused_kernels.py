@@ -194,6 +194,11 @@ class FrameLayout:
         return StoredRows(self.spectrum_rows().count, self.columns(self.shape.last_relay).count)
 
     @property
+    def is_tiled(self) -> bool:
+        """Whether rows are stored in tiles (`shaders/frame/rows.wgsl`)."""
+        return self.strategy == "subgroup"
+
+    @property
     def keeps_spectrum(self) -> bool:
         """Whether `spectrum` is kept for other focal planes instead of the rows before it, because it is smaller."""
         return self.shape.places > 1 and self.spectrum.samples < self.entering[-1].samples
@@ -454,7 +459,7 @@ def _constants_wgsl(layout: FrameLayout, kernel: str, relay: int, grid: Grid) ->
         f"const source_layout = RowLayout({source.rows}u, {source.stride}u);\n"
         f"const target_layout = RowLayout({target.rows}u, {target.stride}u);\n"
         f"const work_layout = {'source' if kernel == 'observe' else 'target'}_layout;\n"
-        f"const is_tiled = {str(layout.strategy == 'subgroup').lower()};\n"
+        f"const is_tiled = {str(layout.is_tiled).lower()};\n"
         f"const is_along_x = {str(KERNELS[kernel][0] == 'x').lower()};\n"
         f"const adds_lane = {str(_adds_lane(layout, kernel, grid, read)).lower()};\n"
         f"const is_padded = {str(whole.padded != whole.shape).lower()};\n"

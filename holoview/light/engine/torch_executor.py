@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.light.engine.frame import light_along, relay_behind, run_stages
-from holoview.light.model.passband import Transfer, rows_in_disc
+from holoview.light.model.passband import Transfer
 from holoview.light.model.plan import Beam, Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.numerics.fourier import PrunedAxis, PrunedTransform
@@ -33,7 +33,6 @@ from holoview.light.optics.bench import (
 )
 from holoview.light.optics.chain import ChainTransmissions
 from holoview.light.optics.frame_inputs import FrameInputs
-from holoview.light.optics.propagate import support_mask
 from holoview.light.optics.torch_effects import SampledTransmissions
 from holoview.util.errors import UserError, suggest_matches
 
@@ -233,13 +232,8 @@ class TorchExecutor(TorchPropagation):
         """|Amplitude| that the last relay's stops and an eye's pupil pass at its frequencies, (rows, columns); None
         where all pass whole."""
         last = self.plan.way.last
-        stops, eye = self.plan.stops(last, wavelength), self.plan.planes[0].eye
-        if eye is not None:
-            na, columns = eye.pupil_na(self.plan.nominal.field_m), self.plan.grid.padded[1]
-            support = rows_in_disc(stops.support, columns, na, eye.pupil_centre_na, stops.sine_step)
-            stops = replace(stops, support=support)
+        mask = torch.from_numpy(self.plan.passing(wavelength, *self.frequencies(last))).to(self._device, self._real)
         (ky, kx), pupil = self._frequency_tensors(last), self.inputs.pupils[last][wavelength]
-        mask = support_mask(stops, kx, chosen=ky % len(stops.support)).to(self._real)
         if pupil is None:
             return None if mask.all() else mask
         return mask * pupil.detach().to(ky.device)[ky][:, kx].abs().to(self._real)

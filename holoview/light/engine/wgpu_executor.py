@@ -7,6 +7,7 @@ so that the last spectrum stays valid for the next plane. Stages are only record
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -61,7 +62,8 @@ class WgpuExecutor:
 
     strategy: of the FFTs of single stages. Buffers of their tables have as labels what they hold: `wave WAVELENGTH
     SOURCE`, `dense FRAME MODULATOR WAVELENGTH`, `transmit`, `support RELAY WAVELENGTH PLANE`, `pupil RELAY WAVELENGTH`.
-    single_stages: whether nothing but these is going to be asked for.
+    single_stages: whether nothing but these is going to be asked for. measures_power: keep `power_behind`, of
+    plans with more than one modulator; what is kept for all planes is read back for each wavelength.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class WgpuExecutor:
         *,
         strategy: Strategy = "passes",
         single_stages: bool = False,
+        measures_power: bool = False,
     ) -> None:
         self.plan, self.inputs, self.device, self._strategy = plan, inputs, device, strategy
         if not single_stages:
@@ -83,7 +86,9 @@ class WgpuExecutor:
         self._buffers: dict[Hashable, Buffer] = {}
         self._dispatches: dict[Hashable, Dispatch] = {}
         self._recorder: CommandRecorder | None = None
-        self.power_behind: NDArray[np.float64] | None = None  # not measured here
+        self.power_behind: NDArray[np.float64] | None = None
+        if measures_power and self.fused.layout.shape.places > 1:
+            self.power_behind = np.zeros(len(plan.system.wavelengths_m))
 
     @cached_property
     def fused(self) -> FusedFrame:
@@ -102,6 +107,8 @@ class WgpuExecutor:
         for number, span in enumerate(spans):
             kept = self.fused.record_light(self._recording(), span)
             weight = float(self.plan.weights[span.frame, wavelength])
+            if self.power_behind is not None:
+                self.power_behind[wavelength] += weight * self._power(kept, wavelength)
             for plane, intensity in enumerate(self._intensity):
                 self.submit()  # since set_plane affects all recorded work that isn't submitted
                 self.fused.tables.set_plane(plane, [wavelength])
@@ -112,6 +119,18 @@ class WgpuExecutor:
         if self.plan.way.is_chain:
             self.submit()
             self.fused.trim(0)  # since no wavelength is computed twice
+
+    def _power(self, kept: BufferRegion, wavelength: int) -> float:
+        """The power in the recorded spectrum behind the last place that the last relay's stops and an eye pass."""
+        self.submit()
+        ky, kx, spectrum = self.fused.download_spectrum(kept)
+        pupil = self.inputs.pupils[self.plan.way.last][wavelength]
+        passed = self.plan.passing(wavelength, ky, kx).astype(np.float32)
+        if pupil is not None:
+            passed *= np.abs(complex64(pupil)[np.ix_(ky, kx)])
+        parts = (spectrum.real * passed, spectrum.imag * passed)
+        rows = sum(np.einsum("yx,yx->y", part, part) for part in parts)
+        return float(np.sum(rows, dtype=np.float64)) / math.prod(self.plan.grid.padded)
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 

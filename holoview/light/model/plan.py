@@ -262,6 +262,23 @@ class Plan:
         """
         return self._propagation(relay, wavelength, 0.0, None)
 
+    def passing(self, wavelength: int, ky: NDArray[np.integer], kx: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Which frequencies pass the last relay's stops and the pupil of an eye, (A, B).
+
+        ky, kx: signed indices of the rows (A,) and of the columns (B,).
+
+        >>> import holoview as hv, numpy as np
+        >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]))
+        >>> plan.passing(0, np.array([0]), np.array([0, 127])).tolist()
+        [[True, False]]
+        """
+        support, eye = self.stops(self.way.last, wavelength).support, self.planes[0].eye
+        if eye is not None:
+            support = self._seen_rows(eye, support, float(self.system.wavelengths_m[wavelength]))
+        smallest, lowest, highest = support[ky % len(support)].T[..., None]
+        passes: NDArray[np.bool_] = (np.abs(kx) >= smallest) & (kx >= lowest) & (kx <= highest)
+        return passes
+
     def _propagation(self, relay: int, wavelength: int, distance_m: float, eye: Eye | None) -> Transfer:
         key = (distance_m, relay, wavelength, eye)
         if key not in self._transfers:
