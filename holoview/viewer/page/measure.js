@@ -26,8 +26,9 @@ function structureFree(values, wanted) {
 
 // Mean and standard deviation of numbers.
 function moments(values) {
-    const mean = values.reduce((sum, value) => sum + value, 0) / values.length
-    const squares = values.reduce((sum, value) => sum + (value - mean) * (value - mean), 0)
+    const mean = total(values) / values.length
+    let squares = 0
+    for (let k = 0; k < values.length; k++) squares += (values[k] - mean) * (values[k] - mean)
     return { mean, std: Math.sqrt(squares / values.length) }
 }
 
@@ -69,19 +70,18 @@ function targetAround({ values, width, rows }, region, margin = MARGIN) {
 function blurredTarget(around, region, blur) {
     const radius = Math.floor(4 * blur + 0.5), width = region.width + 2 * MARGIN, first = MARGIN - radius
     const kernel = Array.from({ length: 2 * radius + 1 }, (_, k) => (blur ? Math.exp(-0.5 * ((k - radius) / blur) ** 2) : 1))
-    const whole = total(kernel), lines = region.height + 2 * radius
+    const whole = total(kernel), lines = region.height + 2 * radius, weights = Float64Array.from(kernel, value => value / whole)
     const across = new Float64Array(lines * region.width), found = new Float64Array(region.width * region.height)
-    for (let j = 0; j <= 2 * radius; j++) {
-        const weight = kernel[j] / whole
-        for (let k = 0, y = 0; y < lines; y++) {
-            const start = (first + y) * width + first + j
-            for (let x = 0; x < region.width; x++, k++) across[k] += weight * around[start + x]
-        }
+    const sumAt = (from, start, step) => {
+        let sum = 0
+        for (let j = 0, k = start; j <= 2 * radius; j++, k += step) sum += weights[j] * from[k]
+        return sum
     }
-    for (let j = 0; j <= 2 * radius; j++) {
-        const weight = kernel[j] / whole, start = j * region.width
-        for (let k = 0; k < found.length; k++) found[k] += weight * across[start + k]
+    for (let k = 0, y = 0; y < lines; y++) {
+        const start = (first + y) * width + first
+        for (let x = 0; x < region.width; x++, k++) across[k] = sumAt(around, start + x, 1)
     }
+    for (let k = 0; k < found.length; k++) found[k] = sumAt(across, k, region.width)
     return found
 }
 
@@ -196,7 +196,10 @@ const FARTHEST = 32, MOST_STEPS = 8, FLOOR = 0.05
 
 // The contrast that division by what values show leaves; infinite where that can't be told.
 function contrastLeft(values, wanted) {
-    const { ratio, usable } = structureFree(values, wanted), { mean, std } = moments(ratio.filter((_, k) => usable[k]))
+    const floor = (TARGET_FLOOR * total(wanted)) / wanted.length, ratio = new Float64Array(values.length) // but for its gain
+    let count = 0
+    for (let k = 0; k < values.length; k++) if (wanted[k] > 0 && wanted[k] >= floor) ratio[count++] = values[k] / wanted[k]
+    const { mean, std } = moments(ratio.subarray(0, count))
     return mean > 0 ? std / mean : Infinity
 }
 
@@ -280,7 +283,11 @@ function displacementOf(values, target, region) {
         const key = `${down} ${right}`, [y0, x0] = [reach - down, reach - right]
         if (!tried.has(key)) {
             const isInside = Math.min(y0, x0) >= 0 && Math.max(y0, x0) <= 2 * reach
-            const part = isInside && values.map((_, k) => blurred[(y0 + Math.floor(k / region.width)) * wider.width + x0 + (k % region.width)])
+            const part = new Float64Array(isInside ? values.length : 0)
+            for (let k = 0; k < part.length; k += region.width) {
+                const start = (y0 + k / region.width) * wider.width + x0
+                part.set(blurred.subarray(start, start + region.width), k)
+            }
             tried.set(key, { by: [down, right], left: isInside ? contrastLeft(values, part) : Infinity })
         }
         return tried.get(key).left
