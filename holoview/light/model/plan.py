@@ -265,7 +265,7 @@ class Plan:
     def passing(self, wavelength: int, ky: NDArray[np.integer], kx: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Which frequencies pass the last relay's stops and the pupil of an eye, (A, B).
 
-        ky, kx: signed indices of the rows (A,) and of the columns (B,).
+        wavelength: its index. ky, kx: signed indices of the rows (A,) and of the columns (B,).
 
         >>> import holoview as hv, numpy as np
         >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]))
