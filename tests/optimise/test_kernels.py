@@ -92,14 +92,15 @@ def test_gradients_are_equal_to_rounding_and_nothing_else_is_written(
 @LAYOUTS
 def test_sums_of_imaginary_parts_are_equal_to_rounding(layout: str, noise: Noise, compiled: CompiledKernels) -> None:
     products, factors = _fields(noise, layout), noise(2, LASERS) - 0.5
-    found, expected = torch.full((2, ROWS, SAMPLES), 7.0, dtype=torch.float64)
-    compiled.sum_imaginary(products, factors, found)
-    TORCH_KERNELS.sum_imaginary(products, factors, expected)
+    before = noise(3, ROWS, SAMPLES) - 0.5
+    found, expected = before.clone(), before.clone()
+    compiled.add_imaginary(products, factors, found)
+    TORCH_KERNELS.add_imaginary(products, factors, expected)
     terms = factors.abs()[:, None, None, None] * products.imag.abs()
     # each of n terms is rounded by its factor and by n sums, in both
-    bound = 2 * (LASERS * SOURCES + 1) * UNIT * terms.sum(dim=(0, 1))
+    bound = 2 * (LASERS * SOURCES + 1) * UNIT * (before.abs() + terms.sum(dim=(0, 1)))
     assert bool(((found - expected).abs() <= bound).all())
-    whole = np.einsum("l,lsyx->yx", factors.numpy(), products.imag.numpy())
+    whole = before.numpy() + np.einsum("l,lsyx->yx", factors.numpy(), products.imag.numpy())
     assert bool(((expected - torch.from_numpy(whole)).abs() <= bound).all())
 
 

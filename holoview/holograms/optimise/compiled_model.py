@@ -249,7 +249,7 @@ class CompiledKernels(Kernels):
     def replace_by_adjoint(self, fields: Tensor, weights: Tensor, slopes: Tensor) -> None:
         _weight_loops(*flat_view(fields), (2 * weights).contiguous().numpy(), slopes.contiguous().numpy())
 
-    def sum_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
+    def add_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
         _imaginary_loops(*flat_view(products), factors.contiguous().numpy(), out.numpy())
 
     def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
@@ -324,7 +324,6 @@ def _residual_loops(
 def _imaginary_loops(flat: Any, shape: Any, strides: Any, factors: Any, out: Any) -> None:
     for row in range(shape[2]):
         line = out[row]
-        line[:] = 0
         for laser in range(shape[0]):
             factor = factors[laser]
             for source in range(shape[1]):

@@ -38,7 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from typing import TypeVar
@@ -298,15 +298,18 @@ class ForwardModel:
         With `level_steps`, the secant to each pixel's neighbouring level takes the place of ∂L/∂opd.
         """
         has_wavelengths = wavelength_gradient is not None
-        parts = self._team.map(
-            lambda index: self._group_gradients(index, has_wavelengths, level_steps), range(len(self._fields))
-        )
-        for gradients, derivatives in parts:
-            for frame, gradient in gradients:
-                path_gradient[frame].add_(gradient)
-            for wavelength, derivative in derivatives:
+
+        def add(part: _GradientPart) -> None:
+            if level_steps is None:
+                self._add_path_gradients(part.lasers, part.products, path_gradient)
+            for frame, secant in part.secants:
+                path_gradient[frame].add_(secant)
+            for wavelength, derivative in part.derivatives:
                 assert wavelength_gradient is not None
                 wavelength_gradient[wavelength] += derivative
+
+        groups = range(len(self._fields))
+        self._team.add_up(lambda index: self._group_gradients(index, has_wavelengths, level_steps), groups, add)
 
     def carrier(self) -> Tensor:
         """The plane wave (y, x) that multiplies all fields E, because their spectra are displaced."""
@@ -386,39 +389,33 @@ class ForwardModel:
 
     # --- gradients --------------------------------------------------------------------------------------------------
 
-    def _group_gradients(
-        self, index: int, has_wavelengths: bool, level_steps: LevelSteps | None
-    ) -> tuple[list[tuple[int, Tensor]], list[tuple[int, float]]]:
-        """Parts of some beams: frames and ∂L/∂opd (modulator, y, x) of each, wavelengths and ∂L/∂λ of each."""
+    def _group_gradients(self, index: int, has_wavelengths: bool, level_steps: LevelSteps | None) -> _GradientPart:
         fields, phasors = self._fields[index], self._phasors[index]
         incident_adjoint = None
         if has_wavelengths:
             y, x = (axis.gap.frequencies for axis in self.axes)
             incident_adjoint = self._lines.new_empty(*fields.group.shape, y, x)
-        of_modulators = self._light.backpropagate(fields, phasors, incident_adjoint)
+        part = _GradientPart(fields.group.lasers, self._light.backpropagate(fields, phasors, incident_adjoint))
         if incident_adjoint is None and level_steps is None:
-            return self._path_gradients(fields.group.lasers, of_modulators), []
-        products, derivatives = torch.stack(of_modulators, dim=2), []
+            return part
+        products = torch.stack(list(part.products), dim=2)
         if incident_adjoint is not None:
-            derivatives = self._wavelength_derivatives(index, products, incident_adjoint)
-        if level_steps is None:
-            return self._path_gradients(fields.group.lasers, of_modulators), derivatives
-        return self._secants(fields.group.lasers, products, level_steps), derivatives
+            part = replace(part, derivatives=self._wavelength_derivatives(index, products, incident_adjoint))
+        if level_steps is not None:
+            part = replace(part, secants=self._secants(part.lasers, products, level_steps))
+        return part
 
-    def _path_gradients(self, lasers: slice, products: Sequence[Tensor]) -> list[tuple[int, Tensor]]:
-        """Frames and ∂L/∂opd (modulator, y, x) of each, from modulators' products c·w (laser, source, y, x)."""
-        frames, factors, gradients = [frame for frame, _ in self.lasers[lasers]], self._path_factors[lasers], []
+    def _add_path_gradients(self, lasers: slice, products: Sequence[Tensor], path_gradient: Tensor) -> None:
+        """Adds ∂L/∂opd (frame, modulator, y, x), from modulators' products c·w (laser, source, y, x)."""
+        frames, factors = [frame for frame, _ in self.lasers[lasers]], self._path_factors[lasers]
         for frame, members in groupby(range(len(frames)), frames.__getitem__):
             first, *others = members
-            part = slice(first, first + 1 + len(others))
-            gradient = factors.new_empty(len(products), *products[0].shape[2:])
-            for product, out in zip(products, gradient, strict=True):
-                self.kernels.sum_imaginary(product[part], factors[part], out)
-            gradients.append((frame, gradient))
-        return gradients
+            chosen = slice(first, first + 1 + len(others))
+            for product, out in zip(products, path_gradient[frame], strict=True):
+                self.kernels.add_imaginary(product[chosen], factors[chosen], out)
 
     def _secants(self, lasers: slice, products: Tensor, level_steps: LevelSteps) -> list[tuple[int, Tensor]]:
-        """The secants in place of `_path_gradients`, from products c·w (laser, source, modulator, y, x)."""
+        """The secants in place of `_add_path_gradients`, from products c·w (laser, source, modulator, y, x)."""
         share = products.shape[1] / self.source_count
         products, secants = products.sum(dim=1), []
         for laser, product in zip(range(lasers.start, lasers.stop), products, strict=True):
@@ -449,6 +446,20 @@ class ForwardModel:
                 )
                 derivatives.append((wavelength, wavelength_derivative(self.plan, self.transfer_functions, beam)))
         return derivatives
+
+
+@dataclass(frozen=True)
+class _GradientPart:
+    """What some beams add to the gradients.
+
+    products: c·w (laser, source, y, x) of each modulator, overwritten by the thread's next part. secants: frames, and
+    secants (modulator, y, x) of each. derivatives: wavelengths, and ∂L/∂λ of each.
+    """
+
+    lasers: slice
+    products: Sequence[Tensor]
+    secants: Sequence[tuple[int, Tensor]] = ()
+    derivatives: Sequence[tuple[int, float]] = ()
 
 
 # --- benches whose effects change the modulators' light: torch differentiates ----------------------------------------

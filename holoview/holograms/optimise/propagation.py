@@ -311,9 +311,9 @@ class Kernels:
         parts = torch.view_as_real(fields.movedim(2, 0))
         parts.mul_(((2 * weights) @ pairs).view(parts.shape))
 
-    def sum_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
-        """Writes Σ factor·Im(product), (y, x). products (laser, source, y, x). factors (laser,)."""
-        torch.sum(products.imag * factors[:, None, None, None], dim=(0, 1), out=out)
+    def add_imaginary(self, products: Tensor, factors: Tensor, out: Tensor) -> None:
+        """Adds Σ factor·Im(product), (y, x). products (laser, source, y, x). factors (laser,)."""
+        out.add_(torch.sum(products.imag * factors[:, None, None, None], dim=(0, 1)))
 
     def replace_by_residual(self, image: Tensor, target: Tensor, factor: float) -> tuple[Tensor, Tensor]:
         """Replaces an image (channel, row, x) by factor·(image − target).
