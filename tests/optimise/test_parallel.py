@@ -230,14 +230,10 @@ def test_passes_are_shared_by_a_team_while_torch_uses_one_thread(
     stack = np.full((len(system.planes_m), *make_plan(system).grid.shape, 3), 0.2, dtype=np.float32)
     problem = Problem(system, stack, Settings(iterations=1), kernels=TORCH_KERNELS)
     found: set[tuple[int, int]] = set()
-    compute, both = PlanePropagation.move, Barrier(2)
+    compute = PlanePropagation.move
 
     def recorded(*arguments: Any) -> None:
-        thread = (torch.get_num_threads(), get_ident())
-        if thread not in found and samples >= MIN_SAMPLES_FOR_TEAM:
-            found.add(thread)
-            both.wait(timeout=PATIENCE_S)  # each of two threads waits for the other
-        found.add(thread)
+        found.add((torch.get_num_threads(), get_ident()))
         compute(*arguments)
 
     monkeypatch.setattr(PlanePropagation, "move", recorded)
@@ -245,7 +241,7 @@ def test_passes_are_shared_by_a_team_while_torch_uses_one_thread(
     amplitudes = np.ones(system.amplitudes.shape)
     alone = problem.evaluate(opd_m, amplitudes, EvaluationRequest(path_gradient=True))
     assert {threads for threads, _ in found} == {1}
-    assert len(found) == (1 if samples < MIN_SAMPLES_FOR_TEAM else 2)
+    assert (get_ident() in {thread for _, thread in found}) == (samples < MIN_SAMPLES_FOR_TEAM)
     assert torch.get_num_threads() == 2
     assert problem.evaluate(opd_m, amplitudes, EvaluationRequest(path_gradient=True)).loss == alone.loss
 
@@ -262,7 +258,7 @@ def test_a_team_gives_results_in_the_order_of_the_items_from_several_threads_of_
     assert [item for item, _, _ in found] == list(range(6))
     assert {count for _, count, _ in found} == {1}
     assert len({thread for _, _, thread in found}) == 2
-    assert get_ident() in {thread for _, _, thread in found}
+    assert get_ident() not in {thread for _, _, thread in found}
     assert torch.get_num_threads() == 2
 
 
@@ -295,7 +291,7 @@ def test_an_error_in_a_thread_is_raised_and_the_team_goes_on() -> None:
 
 @pytest.mark.usefixtures("_two_threads")
 def test_a_team_adds_up_in_the_order_of_the_items() -> None:
-    both, sums = Barrier(2), list[tuple[int, int]]()
+    both, sums = Barrier(2), list[tuple[int, int, int]]()
 
     def compute(item: int) -> tuple[int, int]:
         both.wait(timeout=PATIENCE_S)
@@ -326,19 +322,8 @@ def test_an_error_ends_a_sum_whose_other_items_wait_for_their_turn(failing: str)
     with pytest.raises(ZeroDivisionError):
         team.add_up(compute, range(6), add)
     assert not added
-    team.add_up(compute, range(2, 6), lambda item: added.append(item))
-    assert len(added) == 4
-
-
-@pytest.mark.usefixtures("_two_threads")
-def test_a_caller_does_not_wait_for_threads_that_are_busy() -> None:
-    team, both = ThreadTeam(CPU), Barrier(2)
-
-    def compute(item: int) -> list[int]:
-        both.wait(timeout=PATIENCE_S)  # all threads of the team are in here
-        return team.map(lambda inner: 10 * item + inner, range(3))
-
-    assert team.map(compute, range(2)) == [[0, 1, 2], [10, 11, 12]]
+    team.add_up(lambda item: item, range(2, 6), added.append)
+    assert added == [2, 3, 4, 5]
 
 
 @pytest.mark.usefixtures("_two_threads")

@@ -9,14 +9,12 @@ holds all patterns, and takes the same step with the same numbers.
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from queue import SimpleQueue
 from threading import Barrier, Condition
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import torch
 import torch.distributed as dist
@@ -155,12 +153,11 @@ def torch_threads(count: int) -> Iterator[None]:
 
 
 class ThreadTeam:
-    """Calls a function for each of some items, in several threads, of which the calling one is the first.
+    """Calls a function for each of some items, in several threads.
 
     Each thread takes the next item when it is free and computes it alone, so that the data of an item stay in the cache
     of one core and no operation waits for other cores. Results are in the order of the items, whoever computes them.
-    The caller waits for items that another thread has begun, not for a thread that hasn't begun any. On other devices
-    than the CPU it computes all items.
+    On other devices than the CPU the calling thread computes all items.
 
     threads: as many as torch uses for one operation when None.
     """
@@ -176,81 +173,40 @@ class ThreadTeam:
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """The results (item,) of a function that may be called in several threads at a time."""
-        return self._compute(_SharedWork(function, items))
+        size = min(self.size, len(items))
+        if size <= 1:
+            return [function(item) for item in items]
+        return list(self._pool(size).map(function, items))
 
     def add_up(self, function: Callable[[Item], Result], items: Sequence[Item], add: Callable[[Result], None]) -> None:
-        """Calls `add` with each result in the order of the items, in the thread that computed it, before that takes
-        another item, and never in two threads at a time: a sum is the same for any number of threads."""
-        self._compute(_SharedWork(function, items, add))
+        """Calls `add` with the result of each item: in the order of the items, so that a sum is the same for any number
+        of threads, and in the thread that computed it, before that takes another item."""
+        turn, turns = 0, Condition()
+        after_error = len(items)
 
-    def _compute(self, work: _SharedWork) -> list[Any]:
-        others = min(self.size, len(work)) - 1
-        if others < 1:
-            work.take_part()
-            return work.results()
-        helpers = self._helpers(others)
-        with torch_threads(1):
-            for _ in range(others):
-                helpers.submit(work.take_part)
-            work.take_part()
-        return work.results()
-
-    def _helpers(self, count: int) -> ThreadPoolExecutor:
-        if count not in self._pools:
-            self._pools[count] = _single_threaded_pool(count)
-        return self._pools[count]
-
-
-class _SharedWork:
-    """Items that threads take, for `ThreadTeam`, and their results, unless these are added up. An error ends it."""
-
-    def __init__(
-        self, function: Callable[[Any], Any], items: Sequence[Any], add: Callable[[Any], None] | None = None
-    ) -> None:
-        self._function, self._add = function, add
-        self._left, self._done = deque(enumerate(items)), SimpleQueue[None]()
-        self._results: list[Any] = [None] * len(items)
-        self._turn, self._turns = 0, Condition()
-        self._error: BaseException | None = None
-
-    def __len__(self) -> int:
-        return len(self._results)
-
-    def take_part(self) -> None:
-        """Computes items until none is left."""
-        while self._left:
+        def compute(numbered: tuple[int, Item]) -> None:
+            nonlocal turn
+            number, item = numbered
             try:
-                index, item = self._left.popleft()
-            except IndexError:  # another thread has just taken the last one
-                return
-            try:
-                if self._error is None:
-                    self._compute(index, item)
-            except BaseException as error:  # `results` raises it
-                with self._turns:
-                    self._error = error
-                    self._turns.notify_all()
-            self._done.put(None)
+                result = function(item)
+                with turns:
+                    turns.wait_for(lambda: turn in (number, after_error))
+                    if turn == number:
+                        add(result)
+                        turn += 1
+                        turns.notify_all()
+            except BaseException:
+                with turns:
+                    turn = after_error
+                    turns.notify_all()
+                raise
 
-    def _compute(self, index: int, item: Any) -> None:
-        result = self._function(item)
-        if self._add is None:
-            self._results[index] = result
-            return
-        with self._turns:
-            self._turns.wait_for(lambda: self._turn == index or self._error is not None)
-            if self._error is None:
-                self._add(result)
-            self._turn += 1
-            self._turns.notify_all()
+        self.map(compute, list(enumerate(items)))
 
-    def results(self) -> list[Any]:
-        """The results (item,), once the last one is there. Raises the error of an item."""
-        for _ in self._results:
-            self._done.get()
-        if self._error is not None:
-            raise self._error
-        return self._results
+    def _pool(self, size: int) -> ThreadPoolExecutor:
+        if size not in self._pools:
+            self._pools[size] = _single_threaded_pool(size)
+        return self._pools[size]
 
 
 def _single_threaded_pool(size: int) -> ThreadPoolExecutor:
