@@ -99,7 +99,7 @@ class RecordedPlane:
         sums = objective.evaluate_rows(plane, slice(0, image.shape[1]), image)
         share = float(self.usable.numel() / self.usable.sum())
         image.mul_(self.usable).mul_(share)
-        return ResidualSums(sums.residual_norm * share**0.5, sums.error_norm * share**0.5)
+        return ResidualSums(sums.norms * share**0.5)
 
     def amplitude_ratio(self, predicted: Tensor) -> Tensor:
         """√(measured/predicted intensity) (laser, y, x) at the samples; 1 where nothing is known.

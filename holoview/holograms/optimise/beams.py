@@ -256,6 +256,20 @@ def strided_view(values: Tensor) -> FlatView:
     return flat, strides
 
 
+class KeptViews:
+    """`strided_view` of tensors that are given again and again, each found once, by its place in memory."""
+
+    def __init__(self) -> None:
+        self._views: dict[tuple[object, ...], FlatView] = {}
+
+    def of(self, values: Tensor) -> FlatView:
+        """The view of a tensor, whose memory is kept from then on."""
+        key = (values.data_ptr(), values.shape, values.stride())
+        if key not in self._views:
+            self._views[key] = strided_view(values)
+        return self._views[key]
+
+
 @dataclass(frozen=True)
 class Rows:
     """A tensor of `padded_rows`, and the same numbers for compiled passes."""

@@ -18,6 +18,7 @@ from holoview.holograms.optimise.beams import (
     BeamFields,
     FlatView,
     KeptRows,
+    KeptViews,
     Rows,
     SpectralAxis,
     TransferFunctions,
@@ -172,6 +173,7 @@ class CompiledPlanePropagation(PlanePropagation):
     def __init__(self, axes: tuple[SpectralAxis, SpectralAxis], dtype: torch.dtype) -> None:
         super().__init__(axes)
         self._lines = [plane_line(axis.last, double=dtype == torch.complex128) for axis in axes]
+        self._views = KeptViews()  # of a model's lines, its targets and its picture
         self._number = np.float64 if dtype == torch.complex128 else np.float32
 
     def move(
@@ -204,25 +206,27 @@ class CompiledPlanePropagation(PlanePropagation):
         *,
         carry_back: bool,
         correlates: bool = False,
-    ) -> tuple[Tensor, Tensor, Floats]:
+    ) -> tuple[Tensor, Floats]:
         """As there."""
         norms = weights.new_empty(2)
         products = np.zeros((weights.shape[0], sum(weights.shape)))
         wants = (carry_back, picture is not None, correlates)
-        views = (*strided_view(target), self._number(factor), *strided_view(target if picture is None else picture))
+        flat, shown = self._views.of(target), self._views.of(target if picture is None else picture)
         limits, beams, colours = (rows.start, rows.stop), tuple(lines.shape[:2]), weights.contiguous().numpy()
         evaluate_rows(
-            *strided_view(lines),
+            *self._views.of(lines),
             limits,
             beams,
             self._lines[1],
             colours,
-            *views,
+            *flat,
+            self._number(factor),
+            *shown,
             wants,
             norms.numpy(),
             products,
         )
-        return norms[0], norms[1], products
+        return norms, products
 
 
 class CompiledKernels(Kernels):

@@ -106,8 +106,9 @@ class FieldEvaluation:
         sums = self.objective.evaluate_rows(plane, rows, image, self.kernels)
         loss = self._replace_by_adjoint(plane, fields)
         numbers = self.objective.target[0][inside].numel()
-        norm = sums.residual_norm.new_tensor(math.sqrt(max(loss, 0.0) * numbers))
-        return RowResult(ResidualSums(norm, sums.error_norm), equations, None)
+        norms = sums.norms.clone()
+        norms[0] = math.sqrt(max(loss, 0.0) * numbers)
+        return RowResult(ResidualSums(norms), equations, None)
 
     def _replace_by_adjoint(self, plane: int, fields: Tensor) -> float:
         """The mean loss of the beams of a plane, whose fields are replaced by c_E = ∂L/∂Re E − i·∂L/∂Im E."""

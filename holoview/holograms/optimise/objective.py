@@ -39,18 +39,12 @@ class PlaneLoss:
 
 @dataclass(frozen=True)
 class ResidualSums:
-    """Norms over some rows, numbers on the device: of the residuals, and of the errors from which the PSNR follows.
+    """norms (2,): over some rows, of the residuals, and of the errors from which the PSNR follows; on the device.
 
     The squared residuals of a structural loss include its weight times 1 − MS-SSIM for each number of the image.
     """
 
-    residual_norm: Tensor
-    error_norm: Tensor
-
-    @property
-    def norms(self) -> Tensor:
-        """Both, (2,)."""
-        return torch.stack((self.residual_norm, self.error_norm))
+    norms: Tensor
 
 
 class Objective:
@@ -122,7 +116,7 @@ class Objective:
         cut = self.cut_region(rows)
         if cut is None:
             image.zero_()
-            return ResidualSums(image.new_zeros(()), image.new_zeros(()))
+            return ResidualSums(image.new_zeros(2))
         inside, inside_target = cut
         cropped, target = image[inside], self.target[plane][inside_target]
         if self.is_plain:
@@ -130,7 +124,7 @@ class Objective:
         else:
             norms = self._replace_by_slopes(plane, cropped, target)
         zero_outside(image, *inside[1:])
-        return ResidualSums(*norms)
+        return ResidualSums(torch.stack(norms))
 
     def _replace_by_slopes(self, plane: int, cropped: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
         """Replaces an image by ∂L/∂image, for losses of any kind; returns the norms of `ResidualSums`."""
@@ -375,7 +369,7 @@ class RowEvaluation:
     def evaluate_lines(self, plane: int, rows: slice, lines: Tensor, propagation: PlanePropagation) -> RowResult:
         """The result of rows of a plane from its lines of E (laser, source, y, k_x); theirs become those of c_E."""
         least_squares = self.least_squares
-        *norms, products = propagation.evaluate_rows(
+        norms, products = propagation.evaluate_rows(
             lines,
             rows,
             beam_weights_of(self.weights, lines.shape[1]),
@@ -386,7 +380,7 @@ class RowEvaluation:
             correlates=least_squares is not None,
         )
         equations = None if least_squares is None else least_squares.of_beams(products)
-        return RowResult(ResidualSums(*norms), equations, None)
+        return RowResult(ResidualSums(norms), equations, None)
 
     def _normal_equations(
         self, plane: int, rows: slice, intensity: Tensor, least_squares: AmplitudeLeastSquares

@@ -231,7 +231,7 @@ class Problem:
         results = self._process_planes(opd_m, weights, None, request)
         gradient = torch.zeros_like(opd_m)
         self.model.accumulate_gradients(gradient)
-        norms = torch.stack([torch.stack([row.sums.norms for row in rows]) for rows in results])
+        norms = _norms_of(results)
         share = len(planes) / len(self.objective.target)
         return norms, gradient.div_(share) if share < 1 else gradient
 
@@ -264,7 +264,7 @@ class Problem:
         planes = request.planes or tuple(range(len(objective.target)))
         share = len(planes) / len(objective.target)
         results = self._process_planes(opd_m, weights, least_squares, replace(request, planes=planes))
-        norms = torch.stack([torch.stack([row.sums.norms for row in rows]) for rows in results]).cpu()
+        norms = _norms_of(results).cpu()
         for rows, plane_weight in zip(results, objective.plane_weights[list(planes)].tolist(), strict=True):
             for row in rows:
                 if least_squares is not None and row.normal_equations is not None:
@@ -457,6 +457,11 @@ def plan_for(system: System, settings: Settings, places_m: Places) -> Plan:
     longest = system.wavelengths_m.copy()
     longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
     return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)
+
+
+def _norms_of(results: list[list[RowResult]]) -> Tensor:
+    """Norms (plane, part, 2) as `ResidualSums` has them."""
+    return torch.stack([row.sums.norms for rows in results for row in rows]).view(len(results), -1, 2)
 
 
 def _no_light_error() -> UserError:

@@ -251,12 +251,12 @@ class PlanePropagation:
         *,
         carry_back: bool,
         correlates: bool = False,
-    ) -> tuple[Tensor, Tensor, NDArray[np.float64]]:
+    ) -> tuple[Tensor, NDArray[np.float64]]:
         """Compares rows of a plane with their target; carry_back: replaces their lines by those of c_E.
 
         lines (laser, source, y, k_x). weights (beam, channel). target (channel, y, x). factor: of image − target in
-        ∂L/∂image. picture (channel, y, x): where to write the image. Returns the norms of
-        `Kernels.replace_by_residual` and, if correlates, sums over samples (beam, beam and channel) of products of
+        ∂L/∂image. picture (channel, y, x): where to write the image. Returns the two norms
+        of `Kernels.replace_by_residual` and, if correlates, sums over samples (beam, beam and channel) of products of
         intensities I_i·I_j, for j ≥ i, and I_i·target_c.
         """
         raise AssertionError("`evaluates_lines` is False")
