@@ -139,8 +139,7 @@ def _whole_response(plan: Plan, relay: int, wavelength: int, plane: int) -> Tens
 # --- the model --------------------------------------------------------------------------------------------------------
 
 _SMALL_FIELDS_BYTES = 1 << 23
-_PARTS = 4
-"""Of the beams, and of a plane's rows, of fields between the two: enough for two threads or four."""
+_MOST_PARTS = 4  # of the beams, and of a plane's rows, of fields between the two: one for each thread, up to so many
 _PASSES = 16  # at most, over a plane by compiled code: enough for the threads of a processor
 ProcessRows = Callable[[int, slice, Tensor], Result]
 """Called with a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E for the way back."""
@@ -215,14 +214,14 @@ class ForwardModel:
 
     def _bytes_at_a_time(self, by_rows: bool) -> int:
         """Bytes of a block. Compiled passes take one beam after the other: all beams of fields for which one thread is
-        enough are a block, so that Python calls less often; of fields that fit the last cache, a quarter of them."""
+        enough are a block, so that Python calls less often; of fields that fit the last cache, a thread's share."""
         samples = math.prod(self.plan.grid.padded)
         if not by_rows or samples >= MIN_SAMPLES_FOR_THREADS:
             return block_bytes(self.device)
         if samples < MIN_SAMPLES_FOR_TEAM:
             return _SMALL_FIELDS_BYTES
         beams = len(self.lasers) * self.source_count
-        return ceil_div(beams, _PARTS) * samples * self.complex_dtype.itemsize
+        return ceil_div(beams, min(self._team.size, _MOST_PARTS)) * samples * self.complex_dtype.itemsize
 
     def _make_parts(self, by_rows: bool) -> tuple[ModulatorLight, PlanePropagation]:
         """From the pixels to the spectra, and from there to the planes; by_rows: in compiled passes."""
