@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from holoview.bench.captures import Captures, read_captures, write_captures
+from holoview.bench.captures.dataset import ORIENTATIONS, turned
 from holoview.bench.captures.records import corrections, record_errors, trials
 from holoview.bench.captures.records.corrections import (
     ORDER,
@@ -27,6 +28,7 @@ from holoview.bench.captures.records.corrections import (
     apply_corrections,
     hypothesis,
     level_candidates,
+    moves_only,
     offset_candidates,
     orientation_candidates,
     plausible_units,
@@ -176,3 +178,30 @@ def test_every_threshold_states_its_unit_and_evidence() -> None:
         stated += re.findall(r'^(\w+) = [^\n]+\n"""\[[^\]]+\] [A-Z…].*?Evidence:\s+\S', source, flags=re.DOTALL | re.M)
     every = {name for module in (corrections, record_errors, trials) for name in _thresholds(module)}
     assert every <= set(stated) and len(every) > 20
+
+
+@pytest.mark.parametrize("camera", ORIENTATIONS)
+@pytest.mark.parametrize("is_inverted", [False, True])
+def test_what_only_moves_a_far_field_is_told_by_its_pictures(square: Captures, camera: str, is_inverted: bool) -> None:
+    """The picture of a pattern of phases is |FFT|², of an odd number of pixels so that its middle is one of them."""
+    one = dataclasses.replace(square, levels=square.levels[:, :1], slms=square.slms[:1], focal_length_m=0.1)
+    phases = np.random.default_rng(5).uniform(0, 6, (9, 9))
+
+    def picture(pattern: np.ndarray) -> np.ndarray:
+        return np.fft.fftshift(np.abs(np.fft.fft2(np.exp(1j * pattern))) ** 2)
+
+    for slm in ORIENTATIONS:
+        wrong = turned(phases, slm) * (-1 if is_inverted else 1)
+        of_slm = [*([SlmOrientation(0, slm)] if slm != ORIENTATIONS[0] else []), *([SlmInversion(0)] * is_inverted)]
+        found = hypothesis([*of_slm, *([CameraOrientation(camera)] if camera != ORIENTATIONS[0] else [])])
+        is_alike = np.allclose(picture(wrong), turned(picture(phases), camera), atol=1e-6)
+        assert moves_only(found, one) == (is_alike and bool(of_slm)), found
+
+
+def test_in_a_near_field_both_modulators_and_the_camera_turn_together(square: Captures) -> None:
+    """An inverted pattern shows another near field, and one modulator that isn't turned with the other as well."""
+    camera, first, second = CameraOrientation("flip_y"), SlmOrientation(0, "flip_y"), SlmOrientation(1, "flip_y")
+    assert moves_only((first, second, camera), square)
+    half_turn = (SlmInversion(0), SlmInversion(1), CameraOrientation("rotate_180"))
+    for found in ((camera,), (first, camera), (first, second), (first, SlmOrientation(1, "flip_x"), camera), half_turn):
+        assert not moves_only(found, square)

@@ -13,6 +13,7 @@ from benchmarks.records import Case, run
 from holoview.bench.captures import Captures
 from holoview.bench.captures.predictor import Predictor
 from holoview.bench.captures.records import find_record_errors
+from holoview.bench.captures.records.trials import cut_pictures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.light.model.bench_parts import Modulator, Relay
 from holoview.light.model.system import System
@@ -225,6 +226,19 @@ def test_corrected_captures_are_the_right_ones(right: Captures) -> None:
     wrong = spoiled(right, turn("slm1", "flip_x"))
     corrected = find_record_errors(wrong).corrected(wrong)
     assert np.array_equal(corrected.levels, right.levels) and len(corrected.corrections) == 1
+
+
+def test_a_picture_beside_its_axis_is_no_mistake_of_two_records() -> None:
+    """A tilt moves the picture by a fifth of its height, beyond what may be aside. Patterns and pictures both upside
+    down would show it there as well, because the axis isn't in the picture's middle: half of that way below it."""
+    settings = AcquisitionSettings(captures_per_condition=1, seed=4, focal_length_m=0.2, camera_pitch_m=20e-6)
+    planes = dataclasses.replace(bench(modulators=1), wavelengths_m=np.array([520e-9]), amplitudes=np.ones((1, 1)))
+    moved = 20 * 20e-6
+    session = dataclasses.replace(settings, camera_shape=(140, 160))
+    whole = make_captures(planes, {"tilt": {"tilt_y": moved / 0.2}}, session)
+    captures = cut_pictures(whole, (slice(30, 130), slice(0, 160)))
+    assert captures.axis_m[0] == pytest.approx(-moved / 2)
+    assert find_record_errors(captures).corrections == ()
 
 
 def test_on_a_fourier_bench_what_cant_be_told_apart_is_said() -> None:
