@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from benchmarks.plain_light import Beam
+from benchmarks.real_benches import draw, measure
+from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.picture_import import PictureAndPattern, import_pictures
+from holoview.bench.diagnose import speckle_search
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
+from tests.explored import explored
 
 KNOWN: dict[str, Any] = {"wavelength_m": WAVELENGTH_M, "pitch_m": PITCH_M, "camera_pitch_m": CAMERA_PITCH_M}
 HALF_PX = 64.0  # of the modulator's longer side
@@ -56,6 +63,30 @@ def test_what_was_estimated_of_a_picture_is_put_right_and_not_named(stroke: floa
     assert {*found.known} <= {"camera_black", "camera_alignment"}
     said = [note for note in found.notes if note.startswith("Known effects were corrected within")]
     assert bool(found.known) == bool(said)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("radians", explored([0.0, 0.9], 1))
+def test_light_beside_the_middle_is_found_with_its_wavefront_where_a_retrieval_finds_none(
+    radians: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A beam of 15 of 64 pixels, off the middle by its radius, with as much defocus as coma along both axes: 1.6 rad
+    r.m.s. together, from which ascents from even phases are too far."""
+    nothing = speckle_search._Leader(0.0, speckle_search.NOMINAL, speckle_search.Circle(0.5), speckle_search.Lengths())
+    monkeypatch.setattr(speckle_search, "_from_retrieved", lambda part, shape, progress: nothing)
+    drawn = draw(5, "none", "fourier", 64)
+    beam = Beam(15.0, 2.0, (8.0, -13.0))
+    wave = {(2, 0): -radians, (3, 1): -radians, (3, -1): radians}
+    spoilt = replace(drawn.bench, shape=(48, 64), beam=beam, wave=wave, wave_radius_px=15.0)
+    measured = replace(drawn, bench=replace(spoilt, stroke_m=0.75 * drawn.bench.stroke_m), pictures=3)
+    captures = read_captures(measure(measured, tmp_path, 3).with_suffix(".h5"))
+    window = window_for_light(captures, list(listed_effects()))
+    assert window is not None
+    light = light_by_speckle(window, no_progress, lambda text: None)
+    assert light is not None and light.after > 0.8  # the ascent may not have ended
+    assert 32 / light.values["beam"]["size"] == pytest.approx(15.0, rel=0.3)
+    places = [light.values["beam"][f"centre_{axis}"] * 32 for axis in "yx"]
+    assert places == pytest.approx([8.0, -13.0], abs=5.0)  # a third of the radius
 
 
 @pytest.mark.explores

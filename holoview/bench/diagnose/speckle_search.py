@@ -10,6 +10,7 @@ that light without which held-out speckle stands as well are dropped; the others
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -89,6 +90,13 @@ _LONG = 100
 Evidence: a drawn bench with one picture in a few grains: at the start its speckle stood best with twice the true
 stroke; after 30 steps held-out grains told the stroke, after 130 they stood by 0.87."""
 _START_SIZES, _START_STROKES = (0.7, 1.0, 1.5, 2.2, 3.3), (0.5, 0.9)  # of simple beams
+_WAVE_SIZES, _WAVE_STROKES, _WAVE_TERMS = (1.0, 1.5, 2.2, 3.3), (0.7, 1.15), ("z4", "z7", "z8")
+_WAVES = tuple(itertools.product((-1.1, 0.0, 1.1), repeat=len(_WAVE_TERMS)))
+"""[rad] R.m.s. of the terms over the beam. Evidence: drawn benches: ascents lead to the light from within a radian."""
+_WAVE_LEADERS = 16
+_MOST_TRIED_PX = 1.5e8
+"""[pixels] Of modulators and pictures, predicted for all beams with wavefronts. Evidence: the cost: up to a minute of
+a core."""
 _CLEAR = 0.85
 """[1] Correlation above which no other start is tried. Evidence: drawn benches: wrong valleys stayed below 0.75."""
 _SCANS = len(_STROKES) + 1
@@ -582,6 +590,9 @@ def _sought(
         if best.score <= _CLEAR:
             progress(_SCANS + _LEADERS)
             best = max(best, _from_simple_beams(part, shape), key=lambda one: one.score)
+        if best.score <= _CLEAR and not shape and _may_try_waves(part):
+            progress(_SCANS + _LEADERS)
+            best = max(best, _from_beams_with_waves(part), key=lambda one: one.score)
         search = SpeckleSearch(part.scaled(best.lengths), best.circle, shape)
         for number in range(_KICKS):
             progress(_SCANS + _LEADERS + 1 + number)
@@ -674,11 +685,8 @@ def _from_simple_beams(part: Pictures, shape: Mapping[str, float]) -> _Leader:
     finds light of some radians behind patterns whose far field is drawn in thin lines, where a retrieval sees lines
     rather than speckle."""
     search = SpeckleSearch(part, shape=shape)
-    starts = [
-        search.moved_to_peak(search.near(NearestBeam(1 / size, 2.0, (0.0, 0.0), {}, 1.0), stroke))
-        for size in (_START_SIZES[:1] if shape else _START_SIZES)
-        for stroke in _START_STROKES
-    ]
+    beams = _start_beams(part, _START_SIZES) if not shape else [NearestBeam(1.0, 2.0, (0.0, 0.0), {}, 1.0)]
+    starts = [search.moved_to_peak(search.near(beam, stroke)) for beam in beams for stroke in _START_STROKES]
     best_start = max(starts, key=lambda found: found[0])[1]
     for noll in (4, 5, 6, 7, 8, 11):
         starts += [search.moved_to_peak(best_start | {f"z{noll}": radians}) for radians in (-1.0, 1.0)]
@@ -690,6 +698,44 @@ def _from_simple_beams(part: Pictures, shape: Mapping[str, float]) -> _Leader:
         finer = SpeckleSearch(part, circle, shape).ascend(_rebased(point, _MIDDLE, circle), 30)
         leaders.append(_Leader(*finer, circle, Lengths()))
     return max(leaders, key=lambda one: one.score)
+
+
+def _from_beams_with_waves(part: Pictures) -> _Leader:
+    """The best ascent from beams at all places with one of several wavefronts: of defocus and coma, the terms that are
+    largest where a lens isn't at its place. Ascents from even phases end in other valleys beyond a radian r.m.s."""
+    starts = []
+    for beam in _start_beams(part, _WAVE_SIZES):
+        circle = Circle(beam.radius, *beam.centre)
+        search = SpeckleSearch(part, circle)
+        for stroke, radians in itertools.product(_WAVE_STROKES, _WAVES):
+            point = search.moved_to_peak(search.near(beam, stroke) | dict(zip(_WAVE_TERMS, radians, strict=True)))[1]
+            starts.append(_Leader(search.score(point), point, circle, Lengths()))
+    starts.sort(key=lambda one: -one.score)
+    rough = [_ascended(part, start, 14) for start in starts[:_WAVE_LEADERS]]
+    return _ascended(part, max(rough, key=lambda one: one.score), 40)
+
+
+def _ascended(part: Pictures, start: _Leader, steps: int) -> _Leader:
+    score, point = SpeckleSearch(part, start.circle).ascend(start.point, steps)
+    return dataclasses.replace(start, score=score, point=point)
+
+
+def _may_try_waves(part: Pictures) -> bool:
+    """Whether pictures and modulators are small enough to try every wavefront at every place."""
+    pixels = part.data.light.size + part.captures.levels.size
+    tried = len(_start_beams(part, _WAVE_SIZES)) * len(_WAVE_STROKES) * len(_WAVES)
+    return tried * pixels <= _MOST_TRIED_PX
+
+
+def _start_beams(part: Pictures, sizes: Collection[float]) -> list[NearestBeam]:
+    """Gaussian beams of some sizes at places a radius apart over the modulator."""
+    sides = [n / max(part.whole_shape) for n in part.whole_shape]
+    beams = []
+    for radius in (1 / size for size in sizes):
+        counts = [round(max(half - radius / 2, 0.0) / radius) for half in sides]
+        places = [np.arange(-count, count + 1) * radius for count in counts]
+        beams += [NearestBeam(radius, 2.0, (float(y), float(x)), {}, 1.0) for y, x in itertools.product(*places)]
+    return beams
 
 
 def _spread(starts: list[tuple[float, Point]]) -> list[tuple[float, Point]]:
