@@ -178,7 +178,7 @@ def _may_be_nominal(name: str, intervals: Mapping[tuple[str, str], Interval]) ->
 
 
 def veto_uncorrelated(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[Decision, list[str]]:
-    """No causes, with a note, where a prediction far from the pictures has its grains elsewhere than they."""
+    """No causes, with a note, where a prediction far from the pictures has its grains there by chance at most."""
     best = decision.best
     if decision.verdict is not Verdict.PARTLY or best is None or best.chi2_per_pixel < FAR_CHI2:
         return decision, []

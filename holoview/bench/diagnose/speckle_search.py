@@ -591,8 +591,8 @@ def _sought(
             progress(_SCANS + _LEADERS)
             best = max(best, _from_simple_beams(part, shape), key=lambda one: one.score)
         if best.score <= _CLEAR and not shape and _may_try_waves(part):
-            progress(_SCANS + _LEADERS)
-            best = max(best, _from_beams_with_waves(part), key=lambda one: one.score)
+            waves = _from_beams_with_waves(part, lambda: progress(_SCANS + _LEADERS))
+            best = max(best, waves, key=lambda one: one.score)
         search = SpeckleSearch(part.scaled(best.lengths), best.circle, shape)
         for number in range(_KICKS):
             progress(_SCANS + _LEADERS + 1 + number)
@@ -672,7 +672,9 @@ def _from_retrieved(part: Pictures, shape: Mapping[str, float], progress: Callab
         follow(start, 30)
         if leaders[-1].score > _CLEAR:
             return leaders[-1]
-    longer = [retrieval.ascend(retrieval.start(stroke), 30) for stroke in _STROKES]
+    if lengths != Lengths():
+        starts = [retrieval.start(stroke) for stroke in _STROKES]
+    longer = [retrieval.ascend(start, 30) for start in starts]
     for start in sorted(longer, key=lambda one: -one.held_out)[:_LEADERS]:
         follow(start, _LONG)
         if leaders[-1].score > _CLEAR:
@@ -700,11 +702,15 @@ def _from_simple_beams(part: Pictures, shape: Mapping[str, float]) -> _Leader:
     return max(leaders, key=lambda one: one.score)
 
 
-def _from_beams_with_waves(part: Pictures) -> _Leader:
+def _from_beams_with_waves(part: Pictures, go_on: Callable[[], None]) -> _Leader:
     """The best ascent from beams at all places with one of several wavefronts: of defocus and coma, the terms that are
-    largest where a lens isn't at its place. Ascents from even phases end in other valleys beyond a radian r.m.s."""
+    largest where a lens isn't at its place. Ascents from even phases end in other valleys beyond a radian r.m.s.
+
+    go_on: called before each beam; may raise `SearchEnded`.
+    """
     starts = []
     for beam in _start_beams(part, _WAVE_SIZES):
+        go_on()
         circle = Circle(beam.radius, *beam.centre)
         search = SpeckleSearch(part, circle)
         for stroke, radians in itertools.product(_WAVE_STROKES, _WAVES):
