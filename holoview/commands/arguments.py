@@ -32,6 +32,7 @@ from holoview.light.model.fields import (
     Number,
     Several,
     Shape,
+    Span,
     Truth,
     Word,
     WrittenFile,
@@ -357,6 +358,8 @@ def _flag_options(field: Field[Any], more_words: tuple[str, ...], states_units: 
     if is_several and unit:
         stated = {"metavar": "LENGTH"} | many
         return stated if states_units else {"nargs": kind.count, "type": _in_unit(unit), "metavar": unit.upper()}
+    if isinstance(kind, Span):
+        return {"nargs": 2, "type": number(), "metavar": ("LOW", "HIGH")}
     if is_several:
         return {"metavar": "A,B,…"}
     if isinstance(kind, Word):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.bench.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
+from holoview.bench.calibrate.exposure import ExposureLimits, ExposureSetting, plan_exposures
 from holoview.bench.captures import read_captures, write_captures
 from holoview.bench.captures.capture_file import BENCH_FILE, TABLE_FILE, import_folder, region_mask
 from holoview.bench.captures.count_bits import counts_as_stated
@@ -37,7 +37,6 @@ from holoview.commands.arguments import (
     add_fields,
     add_system,
     given_fields,
-    number,
     parse_effects,
     system_from_args,
     whole,
@@ -358,11 +357,7 @@ def _configure_plan(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_input(parser, "captures", help="a capture file with at least one capture of each wavelength")
     add_input(parser, "--dark", metavar="PICTURE", type=Path, help="PNG or TIFF with the lasers off")
-    parser.add_argument("--power", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().powers)
-    parser.add_argument(
-        "--exposure", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().exposures_s
-    )
-    parser.add_argument("--headroom", type=number(), default=HEADROOM, help="share of the range to use (default 0.9)")
+    add_fields(parser, ExposureLimits, *fields_by_key(ExposureLimits))
     add_output(parser, "-o", "--output", metavar="CSV", suffix=".csv", help="write the plan as a table")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
     parser.set_defaults(run=_plan)
@@ -370,9 +365,10 @@ def _configure_plan(parser: argparse.ArgumentParser) -> None:
 
 def _plan(args: argparse.Namespace) -> int:
     """Prints power and exposure for each wavelength that keep all but the brightest 0.1 % of the pixels unsaturated."""
+    limits = ExposureLimits(**given_fields(args, ExposureLimits))
     captures = read_captures(args.captures)
     dark = None if args.dark is None else _dark_counts(args.dark, captures.camera.bit_depth)
-    plan = plan_exposures(captures, dark, ExposureLimits(tuple(args.power), tuple(args.exposure)), args.headroom)
+    plan = plan_exposures(captures, dark, limits)
     if args.output is not None:
         _write_plan(args.output, plan)
     if args.json:

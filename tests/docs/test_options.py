@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import holoview
+from holoview.bench.calibrate.exposure import ExposureLimits
 from holoview.bench.calibrate.train import CalibrationSettings
 from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.captures.speckle_meter import CameraLens
@@ -26,7 +27,7 @@ from holoview.util import units
 DOCS = Path(holoview.__file__).resolve().parents[1] / "docs"
 TABLES = {
     "optimiser.md": (Settings, RunOptions),
-    "calibration.md": (CalibrationSettings,),
+    "calibration.md": (CalibrationSettings, ExposureLimits),
     "captures.md": (AcquisitionSettings, Nuisances),
     "diagnosis.md": (DiagnosisOptions, SamplingConfig),
     "rig-reference.md": (LoopSettings,),

@@ -78,8 +78,8 @@ def test_what_is_missing_is_named(make_rig: MakeRig, key: str) -> None:
         ("limits.stage", ["5 mm", "1 mm"], "limits.stage", "the lower one first"),
         ("limits.stage", ["5 mm", "11 mm"], "limits.stage", "within"),
         ("limits.exposure", [0.5, 0.1], "limits.exposure", "the lower one first"),
-        ("limits.exposure", [0.0, 0.1], "limits.exposure", "greater than 0"),
-        ("limits.power", -1.0, "limits.power", "at least 0"),
+        ("limits.exposure", [0.0, 0.1], "limits.exposure[0]", "greater than 0"),
+        ("limits.power", -1.0, "limits.power", "greater than 0"),
         ("limits.power", 0.0, "limits.power", "greater than 0"),
         ("slm1.settle", "slow", "slm1.settle", "is not a number"),
         ("slm1.settle", -0.1, "slm1.settle", "out of range"),
@@ -89,7 +89,7 @@ def test_what_is_missing_is_named(make_rig: MakeRig, key: str) -> None:
         ("camera.electrons_per_count", 0, "camera attribute electrons_per_count", "above 0"),
         ("camera.black_level", 5000, "camera attribute black_level", "0 to 4095"),
         ("camera.shape", [48, 32], "camera/images", "rows and columns look swapped"),
-        ("limits.power", float("nan"), "limits.power", "out of range"),
+        ("limits.power", float("nan"), "limits.power", "greater than 0"),
     ],
 )
 def test_what_is_wrong_is_named_with_what_is_expected(

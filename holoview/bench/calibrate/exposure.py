@@ -11,38 +11,46 @@ power is chosen, because short exposures suffer least from drift and vibration.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.captures.dataset import Captures
+from holoview.light.model.fields import POSITIVE, Number, Span, described_field, spaced_key, validate, with_field_docs
 from holoview.util.errors import UserError
-
-HEADROOM = 0.9
-"""Share of the range from black to saturation that the 99.9th percentile is to reach."""
 
 _CLIPPED_SHARE = 1e-3  # share of the pixels that may clip
 _BACK_OFF = 4.0  # a clipped image only bounds the rate from below: assume that it is so many times higher
 _DIM = 0.02  # share of the range; the rate of a dimmer image is too uncertain
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class ExposureLimits:
-    """The lowest and highest settings of the equipment. The field names appear in error messages.
+    """What a plan of exposures may use. Raises UserError for settings that can't be.
 
-    powers: laser power, in the unit of the captures.
-    exposures_s: exposure times.
+    Fields:
     """
 
-    powers: tuple[float, float] = (0.05, 1.0)
-    exposures_s: tuple[float, float] = (1e-4, 1.0)
+    powers: tuple[float, float] = described_field(
+        Span(POSITIVE),
+        "Lowest and highest power of the laser, in the unit of the captures.",
+        flag="power",
+        default=(0.05, 1.0),
+    )
+    exposures_s: tuple[float, float] = described_field(
+        Span(POSITIVE), "Shortest and longest exposure, in seconds.", flag="exposure", default=(1e-4, 1.0)
+    )
+    headroom: float = described_field(
+        Number(low=0.05, high=math.nextafter(1.0, 0.0), words="from 0.05 to below 1"),
+        "Share of the range from black to saturation that the 99.9th percentile is to reach.",
+        default=0.9,
+    )
 
     def __post_init__(self) -> None:
-        for name in ("powers", "exposures_s"):
-            low, high = getattr(self, name)
-            if not 0 < low <= high < np.inf:
-                raise UserError(name.removesuffix("_s"), f"{low:g} to {high:g}", expected="positive, rising numbers")
+        validate(self, spaced_key)
 
 
 @dataclass(frozen=True)
@@ -67,20 +75,15 @@ def plan_exposures(
     captures: Captures,
     dark: NDArray[np.unsignedinteger] | None = None,
     limits: ExposureLimits = _DEFAULT_LIMITS,
-    headroom: float = HEADROOM,
 ) -> list[ExposureSetting]:
     """One setting for each wavelength in ascending order, from at least one capture of each.
 
     dark: image (y, x) in counts with the lasers off; its mean replaces the camera's nominal black level.
-    limits: powers and exposures that can be set.
-    headroom: share of the range from black to saturation to use, 0.05 … 1.
 
     Raises UserError when `dark` doesn't have the camera's shape or isn't darker than the captures.
     """
-    if not 0.05 <= headroom < 1:
-        raise UserError("headroom", f"{headroom:g}", expected="from 0.05 to below 1")
     black = _black_level(captures, dark)
-    return [_plan_wavelength(captures, λ, black, limits, headroom) for λ in captures.wavelengths_m]
+    return [_plan_wavelength(captures, λ, black, limits) for λ in captures.wavelengths_m]
 
 
 def _black_level(captures: Captures, dark: NDArray[np.unsignedinteger] | None) -> float:
@@ -96,9 +99,7 @@ def _black_level(captures: Captures, dark: NDArray[np.unsignedinteger] | None) -
     return black
 
 
-def _plan_wavelength(
-    captures: Captures, wavelength_m: float, black: float, limits: ExposureLimits, headroom: float
-) -> ExposureSetting:
+def _plan_wavelength(captures: Captures, wavelength_m: float, black: float, limits: ExposureLimits) -> ExposureSetting:
     full_range = captures.camera.saturation - black
     indices = np.flatnonzero(captures.wavelength_m == wavelength_m)
     pictures = (captures.images[k][captures.usable_pixels(k)] for k in indices.tolist())
@@ -111,7 +112,7 @@ def _plan_wavelength(
         note = "a first capture was clipped: take this one and plan again"
     elif brightest.max() < _DIM * full_range:
         note = "the first captures were dim: take this one and plan again"
-    return _choose_power_and_exposure(wavelength_m, float(rates.max()), headroom * full_range, limits, note)
+    return _choose_power_and_exposure(wavelength_m, float(rates.max()), limits.headroom * full_range, limits, note)
 
 
 def _choose_power_and_exposure(

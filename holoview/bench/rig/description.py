@@ -68,7 +68,7 @@ from holoview.bench.rig.devices import Counts, Levels, SafetyLimits
 from holoview.bench.rig.registration import Registration, read_registration, registration_path
 from holoview.light.model import preset
 from holoview.light.model.elements import AmplitudeModulator, Space
-from holoview.light.model.fields import Array, Integer, Number
+from holoview.light.model.fields import POSITIVE, Array, Integer, Number, Span
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
@@ -79,16 +79,6 @@ _EXPECTED = "a description of a rig in TOML"
 _LONG_SETTLE_S = 0.5  # longer than most liquid crystals need
 _SLMS, _DEVICES = ("slm1", "slm2"), ("camera", "lasers", "stage")
 _TABLES = ("limits", "virtual", *_DEVICES)
-
-
-class _Positive:
-    """Field type of a number above 0."""
-
-    def parse(self, value: Any, where: str) -> float:
-        number = Number(low=0.0).parse(value, where)
-        if not number:
-            raise UserError(where, f"{value}", expected="a number greater than 0")
-        return number
 
 
 class _Shape:
@@ -114,27 +104,10 @@ class _Wavelengths:
         return wavelengths
 
 
-@dataclass(frozen=True)
-class _Range:
-    """Field type of two values, the lower one first. is_positive: whether both have to be above 0."""
-
-    kind: Number
-    is_positive: bool = False
-
-    def parse(self, value: Any, where: str) -> tuple[float, float]:
-        numbers = Array(self.kind).parse(value, where)
-        values = [] if numbers is None else [float(number) for number in numbers]
-        if len(values) != 2 or values[0] > values[1]:
-            raise UserError(where, str(values), expected="two values, the lower one first")
-        if self.is_positive and values[0] == 0:
-            raise UserError(where, "0 s", expected="exposures greater than 0")
-        return values[0], values[1]
-
-
-_LENGTHS = _Range(Number("mm", low=-1.0, high=10.0))
+_LENGTHS = Span(Number("mm", low=-1.0, high=10.0))
 _LIMITS: dict[str, ValueType] = {
-    "power": _Positive(),
-    "exposure": _Range(Number(low=0.0), is_positive=True),
+    "power": POSITIVE,
+    "exposure": Span(POSITIVE),
     "stage": _LENGTHS,
 }
 _FACTS: dict[str, dict[str, ValueType]] = {

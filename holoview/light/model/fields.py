@@ -155,6 +155,10 @@ class Array:
         return _read_only(np.linspace(first, last, count))  # type: ignore[arg-type]
 
 
+POSITIVE = Number(low=math.nextafter(0.0, 1.0), words="a number greater than 0")
+"""A number that can't be 0, such as the power of a laser."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Integer:
     """A whole number from `low` to `high`, both included. words: the range in an error's words; "" for the usual.
@@ -392,6 +396,27 @@ class Several:
             return [int(part) if isinstance(self.item, Integer) else float(part) for part in parts]
         except ValueError as error:
             raise UserError(where, f'"{text}"', expected="numbers with commas between them") from error
+
+
+@dataclasses.dataclass(frozen=True)
+class Span:
+    """Two numbers of one type, the lower one first."""
+
+    item: Number
+
+    def parse(self, value: Any, where: str) -> tuple[float, float]:
+        numbers = Array(self.item).parse(value, where)
+        values = () if numbers is None else tuple(map(float, numbers))
+        if len(values) != 2 or values[0] > values[1]:
+            raise UserError(where, str(list(values)), expected="two values, the lower one first")
+        return values[0], values[1]
+
+    def to_toml(self, value: tuple[float, float]) -> list[Any]:
+        return [self.item.to_toml(entry) for entry in value]
+
+    def format_range(self) -> str:
+        """What is expected, for the manual."""
+        return f"two, the lower one first, each {self.item.format_range()}"
 
 
 @dataclasses.dataclass(frozen=True)
