@@ -400,13 +400,15 @@ def _parsed(parse: Callable[[str, str], float], text: str) -> float:
     try:
         return parse(text, "")
     except UserError as error:
-        raise argparse.ArgumentTypeError(f"{error.found}; expected {error.expected}") from None
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _default_text(default: Any, kind: Any, unit: str) -> str:
     """A default in parentheses; "" for none, no limit and what isn't switched on."""
     values = default if isinstance(default, tuple) else (default,)
-    values = tuple(value for value in values if value not in (None, "", math.inf, MISSING) and value is not False)
+    values = tuple(
+        value for value in values if value not in (None, "", math.inf, math.nan, MISSING) and value is not False
+    )
     if isinstance(kind, Duration):
         shown = [units.format_duration(value) for value in values]
     else:

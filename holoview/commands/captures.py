@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import math
 import re
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,12 @@ from holoview.bench.captures.count_bits import counts_as_stated
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.picture_files import (
     Pair,
-    known_number,
     read_camera_picture,
     read_greyscale,
     read_pairs,
     read_pattern,
 )
-from holoview.bench.captures.picture_import import KnownCamera, PictureAndPattern, import_pictures, overlay_sheet
+from holoview.bench.captures.picture_import import KnownBench, PictureAndPattern, import_pictures, overlay_sheet
 from holoview.bench.captures.records import find_record_errors
 from holoview.bench.captures.slmsuite_calibration import FourierCalibration, read_slmsuite
 from holoview.bench.captures.validation import capture_sheet, summarise
@@ -36,6 +35,7 @@ from holoview.commands.arguments import (
     add_effects,
     add_fields,
     add_system,
+    dest_of,
     given_fields,
     parse_effects,
     system_from_args,
@@ -48,6 +48,7 @@ from holoview.light.model.fields import fields_by_key, flag_of, validate
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
+from holoview.util.tables import is_required
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -101,16 +102,7 @@ def _configure_import(convert: argparse.ArgumentParser) -> None:
         metavar="H5",
         help="a Fourier calibration, which states the lengths that aren't given",
     )
-    one.add_argument("--wavelength", metavar="LENGTH")
-    one.add_argument("--pitch", metavar="LENGTH", help="of the modulator's pixels")
-    one.add_argument("--camera-pitch", metavar="LENGTH", help="of the camera's pixels")
-    one.add_argument("--focal-length", metavar="LENGTH", help="about; found in any case")
-    one.add_argument("--stroke", metavar="LENGTH", help="optical path of the highest level (default: a wavelength)")
-    one.add_argument("--levels", type=whole(2, 65536), help="of the modulator (default 256)")
-    one.add_argument("--bit-depth", type=whole(1, 16), help="of the camera (default: the least that holds the counts)")
-    for name, text in _UNKNOWN_OPTIONS.items():
-        option = f"--{name.replace('_', '-')}"
-        one.add_argument(option, metavar="N | unknown", help=f"{text} (default unknown: estimated)")
+    add_fields(one, KnownBench, *fields_by_key(KnownBench), states_units=True)
     add_output(one, "--overlay", metavar="PNG", suffix=".png", help="draw the predicted over the measured picture")
     convert.set_defaults(run=_import)
 
@@ -151,10 +143,6 @@ def _make(args: argparse.Namespace) -> int:
     output = saver.save(args.output, partial(write_captures, captures=captures))
     print(f"{output}: {len(captures)} captures of {len(captures.wavelengths_m)} wavelengths")
     return saver.exit_code
-
-
-def _length(args: argparse.Namespace, name: str) -> float:
-    return units.parse(getattr(args, name), f"--{name.replace('_', '-')}")
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -212,28 +200,17 @@ def _show(args: argparse.Namespace) -> int:
     return 0
 
 
-_UNKNOWN_OPTIONS = {
-    "electrons_per_count": "photo-electrons a count",
-    "read_noise": "electrons r.m.s.",
-    "black_level": "counts without light",
-    "power": "of the laser, in any unit, of all pictures",
-    "exposure": "s, of all pictures",
-}
-_PICTURE_LENGTHS = ("wavelength", "pitch", "camera_pitch", "focal_length", "stroke")
-_PICTURE_OPTIONS = (*_PICTURE_LENGTHS, "slmsuite", "levels", "bit_depth", *_UNKNOWN_OPTIONS, "overlay")
-
-
 def _import(args: argparse.Namespace) -> int:
     notes: list[str] = []
     pairs = _pairs(args)
     if pairs is not None:
         captures = _import_pictures(args, pairs, notes)
     else:
-        given = [name for name in _PICTURE_OPTIONS if getattr(args, name) is not None]
+        stated = (*map(dest_of, fields(KnownBench)), "slmsuite", "overlay")
+        given = [name for name in stated if getattr(args, name) is not None]
         if given:
-            raise UserError(
-                f"--{given[0].replace('_', '-')}", "without --pattern", expected="a picture and its pattern"
-            )
+            flag = f"--{given[0].replace('_', '-')}"
+            raise UserError(flag, "without --pattern", expected="a picture and its pattern")
         with progress_bar("reading") as report:
             captures = import_folder(args.source[0], lambda done, total: report(done, total, "captures"), notes.append)
         usable = _usable(args, captures.shape)
@@ -270,60 +247,48 @@ def _pairs(args: argparse.Namespace) -> list[Pair] | None:
 
 def _import_pictures(args: argparse.Namespace, pairs: list[Pair], notes: list[str]) -> Captures:
     """The captures of pictures and their patterns; what was found and assumed is added to the notes."""
+    given = given_fields(args, KnownBench)
     if args.slmsuite is not None:
-        _take_slmsuite(args, notes)
-    for name in ("wavelength", "pitch", "camera_pitch"):
-        if getattr(args, name) is None:
+        given |= _lengths_of_slmsuite(args.slmsuite, given, notes)
+    for field in fields(KnownBench):
+        if is_required(field) and field.name not in given:
             expected = "the wavelength and the pitches of modulator and camera"
-            raise UserError(f"--{name.replace('_', '-')}", "is missing", expected=expected)
-    stated = [name for name in _PICTURE_LENGTHS if getattr(args, name) is not None]
-    lengths = {f"{name}_m": _length(args, name) for name in stated}
-    given = {
-        name: math.nan
-        if (text := getattr(args, name)) is None
-        else known_number(text, f"--{name.replace('_', '-')}", -1e-9 if name in ("read_noise", "black_level") else 0.0)
-        for name in _UNKNOWN_OPTIONS
-    }
-    power, exposure_s = given.pop("power"), given.pop("exposure")
+            raise UserError(flag_of(field), "is missing", expected=expected)
+    known = KnownBench(**given)
     shown, losses = [], [0.0]
     for pair in pairs:
         picture, loss = read_camera_picture(pair.picture)
         if loss is not None:
             notes.append(loss.sentence(pair.picture.name))
             losses.append(loss.error_counts)
-        settings = [a if math.isnan(b) else b for a, b in ((pair.power, power), (pair.exposure_s, exposure_s))]
-        shown.append(
-            PictureAndPattern(picture, read_pattern(pair.pattern), pair.picture.name, pair.pattern.name, *settings)
-        )
+        pattern = read_pattern(pair.pattern)
+        names = pair.picture.name, pair.pattern.name
+        shown.append(PictureAndPattern(picture, pattern, *names, pair.power, pair.exposure_s))
     usable = _usable(args, shown[0].picture.shape[:2])
-    camera = KnownCamera(args.bit_depth, **given, compression_counts=max(losses))
     with progress_bar("placing the pictures") as report:
-        found = import_pictures(shown, levels=args.levels, camera=camera, usable=usable, progress=report, **lengths)
+        found = import_pictures(shown, known, usable=usable, compression_counts=max(losses), progress=report)
     if args.overlay is not None:
         write_png(args.overlay, overlay_sheet(found), {"holoview.bench.captures": str(args.output)})
     notes += found.notes
     return found.captures
 
 
-def _take_slmsuite(args: argparse.Namespace, notes: list[str]) -> None:
-    """Sets the lengths that weren't given to those of a Fourier calibration."""
-    found = read_slmsuite(args.slmsuite)
+def _lengths_of_slmsuite(path: Path, given: dict[str, Any], notes: list[str]) -> dict[str, float]:
+    """The lengths (m) of a Fourier calibration that aren't given, by the names of their fields."""
+    found = read_slmsuite(path)
     if not isinstance(found, FourierCalibration):
-        remedy = f"holoview calibrate lut {args.slmsuite}"
-        raise UserError(str(args.slmsuite), "is a pixel calibration", expected="a Fourier calibration", remedy=remedy)
-    known = {"wavelength": found.wavelength_m, "pitch": found.pitch_m, "camera_pitch": found.camera_pitch_m}
-    taken = {name: length for name, length in known.items() if length is not None and getattr(args, name) is None}
-    for name, length in taken.items():
-        setattr(args, name, units.format_exact(length, "um"))
-    if args.focal_length is None and args.camera_pitch is not None:
-        taken["focal_length"] = found.focal_px * _length(args, "camera_pitch")
-        args.focal_length = units.format_exact(taken["focal_length"], "mm")
-    unit = {"wavelength": "nm", "focal_length": "mm"}
-    words = [f"{name.replace('_', ' ')} {units.format_rounded(m, unit.get(name, 'um'))}" for name, m in taken.items()]
+        remedy = f"holoview calibrate lut {path}"
+        raise UserError(str(path), "is a pixel calibration", expected="a Fourier calibration", remedy=remedy)
+    known = {"wavelength_m": found.wavelength_m, "pitch_m": found.pitch_m, "camera_pitch_m": found.camera_pitch_m}
+    taken = {name: length for name, length in known.items() if length is not None and name not in given}
+    camera_pitch_m = (taken | given).get("camera_pitch_m")
+    if "focal_length_m" not in given and camera_pitch_m is not None:
+        taken["focal_length_m"] = found.focal_px * camera_pitch_m
+    unit = {"wavelength_m": "nm", "focal_length_m": "mm"}
+    words = [f"{n[:-2].replace('_', ' ')} {units.format_rounded(m, unit.get(n, 'um'))}" for n, m in taken.items()]
     y, x = found.axis_px
-    notes.append(
-        f"{args.slmsuite.name}: {', '.join(words) or 'nothing was needed'}; its axis is at row {y:.0f}, column {x:.0f}"
-    )
+    notes.append(f"{path.name}: {', '.join(words) or 'nothing was needed'}; its axis is at row {y:.0f}, column {x:.0f}")
+    return taken
 
 
 def _usable(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:

@@ -61,7 +61,7 @@ def test_pairs_are_read_with_what_is_known(tmp_path: Path) -> None:
     [
         ("image,slm1\na.png,\n", "line 2: slm1: is missing"),
         ("image,slm1\n", "is empty"),
-        ("image,slm1,power\na.png,m.png,much\n", 'a number, or "unknown"'),
+        ("image,slm1,power\na.png,m.png,much\n", 'a number above 0, or "unknown"'),
         ("image,slm1,power\na.png,m.png,-1\n", "above 0"),
     ],
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +13,14 @@ from benchmarks.plain_light import hologram_levels
 from benchmarks.real_benches import draw, measure
 from holoview.bench.captures.dataset import SHAPE_KEEPING, turned
 from holoview.bench.captures.picture_geometry import find_placements, zero_order_mask
-from holoview.bench.captures.picture_import import KnownCamera, PictureAndPattern, import_pictures, overlay_sheet
+from holoview.bench.captures.picture_import import KnownBench, PictureAndPattern, import_pictures, overlay_sheet
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.unknown_settings import dark_noise
 from holoview.util.errors import UserError
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
 from tests.explored import explored
 
-KNOWN: dict[str, Any] = {"wavelength_m": WAVELENGTH_M, "pitch_m": PITCH_M, "camera_pitch_m": CAMERA_PITCH_M}
+KNOWN = KnownBench(WAVELENGTH_M, PITCH_M, CAMERA_PITCH_M, 0.25)
 PATTERN = (48, 64)
 BENCH = FarField(coma=-0.3, defocus=0.1)
 SMALL = FarField(radius=20.0, coma=0, defocus=0, axis=(58.0, 82.0), shape=(120, 160))
@@ -34,7 +33,7 @@ def test_orientation_focal_length_and_axis_are_found(orientation: str) -> None:
     pattern = spread_pattern(3)
     upright = photograph(pattern, bench, seed=4)
     taken = np.ascontiguousarray(turned(upright, orientation))
-    found = import_pictures([PictureAndPattern(taken, pattern)], focal_length_m=0.26, **KNOWN)
+    found = import_pictures([PictureAndPattern(taken, pattern)], replace(KNOWN, focal_length_m=0.26))
     captures = found.captures
     assert found.placements[0].orientation == orientation
     # Scales are tried in steps of 0.6 %, and envelopes are binned by two pixels or so; speckle then moves the axis.
@@ -50,7 +49,7 @@ def test_the_saturated_zero_order_and_what_is_masked_are_left_out() -> None:
     picture = photograph(pattern, SMALL, seed=6)
     usable = np.ones(picture.shape, bool)
     usable[:, 150:] = False
-    found = import_pictures([PictureAndPattern(picture, pattern)], focal_length_m=0.25, usable=usable, **KNOWN)
+    found = import_pictures([PictureAndPattern(picture, pattern)], KNOWN, usable=usable)
     row, column = (round(a) for a in SMALL.axis)
     kept = found.captures.usable_pixels(0)
     assert not kept[row - 1 : row + 2, column - 1 : column + 2].any()
@@ -65,7 +64,7 @@ def test_a_pattern_that_was_not_shown_is_refused() -> None:
     picture = photograph(spread_pattern(7, PATTERN), SMALL, seed=8)
     other = np.random.default_rng(9).integers(0, 256, PATTERN).astype(np.uint8)
     with pytest.raises(UserError, match="stands nowhere"):
-        import_pictures([PictureAndPattern(picture, other)], focal_length_m=0.25, **KNOWN)
+        import_pictures([PictureAndPattern(picture, other)], KNOWN)
 
 
 @pytest.mark.long
@@ -99,7 +98,7 @@ def _shown(seeds: list[int], wrong: int | None = None, *, is_small: bool = False
 
 @pytest.mark.long
 def test_several_pictures_have_one_geometry() -> None:
-    found = import_pictures(_shown([11, 12, 13]), focal_length_m=0.26, **KNOWN)
+    found = import_pictures(_shown([11, 12, 13]), replace(KNOWN, focal_length_m=0.26))
     captures = found.captures
     assert captures.focal_length_m == pytest.approx(BENCH.focal_length_m, rel=0.01)
     axis = [a - (n - 1) / 2 for a, n in zip(BENCH.axis, BENCH.shape, strict=True)]
@@ -116,21 +115,21 @@ def test_several_pictures_have_one_geometry() -> None:
 @pytest.mark.parametrize("wrong", [0, 2])
 def test_the_one_pattern_of_several_that_was_not_shown_is_named(wrong: int) -> None:
     with pytest.raises(UserError, match=rf"seen{wrong}\.png.*mask{wrong}\.png stands nowhere"):
-        import_pictures(_shown([11, 12, 13], wrong), focal_length_m=0.25, **KNOWN)
+        import_pictures(_shown([11, 12, 13], wrong), KNOWN)
 
 
 @pytest.mark.long
 def test_the_camera_is_estimated_where_nobody_states_it() -> None:
     """The bench has 8 electrons a count and a read noise of one count. 10⁵ pixels tell the gain to 7 % or so, as the
     estimate says itself; speckle that differs within windows adds up to a sixth (measured, 9 pictures)."""
-    found = import_pictures(_shown([11, 12]), focal_length_m=0.25, **KNOWN).captures
+    found = import_pictures(_shown([11, 12]), KNOWN).captures
     assert found.camera.electrons_per_count == pytest.approx(8, rel=0.35)
     assert found.camera.read_noise / found.camera.electrons_per_count == pytest.approx(1.0, abs=0.3)
     assert sum("electrons a count" in sentence for sentence in found.estimated) == 1
     assert any("brightness" in sentence for sentence in found.estimated)
-    stated = KnownCamera(8, electrons_per_count=8.0, read_noise=8.0, black_level=2.0)
+    stated = replace(KNOWN, bit_depth=8, electrons_per_count=8.0, read_noise=8.0, black_level=2.0)
     shown = [replace(one, power=2.0, exposure_s=0.1) for one in _shown([11, 12], is_small=True)]
-    known = import_pictures(shown, focal_length_m=0.25, camera=stated, **KNOWN).captures
+    known = import_pictures(shown, stated).captures
     assert len(known.estimated) == 1 and known.estimated[0].startswith("focal length and axis")
     assert known.camera.electrons_per_count == 8.0
     assert known.exposure_s.tolist() == [0.1, 0.1]
@@ -139,14 +138,14 @@ def test_the_camera_is_estimated_where_nobody_states_it() -> None:
 def test_a_picture_that_shows_a_corner_of_the_far_field_is_refused() -> None:
     picture = photograph(spread_pattern(7), FarField(), seed=8)[:64, :64]
     with pytest.raises(UserError, match="pixels of a far field"):
-        import_pictures([PictureAndPattern(picture, spread_pattern(7))], focal_length_m=0.5, **KNOWN)
+        import_pictures([PictureAndPattern(picture, spread_pattern(7))], replace(KNOWN, focal_length_m=0.5))
 
 
 def test_pictures_of_several_shapes_are_refused() -> None:
     shown = _shown([11, 12])
     shown[1] = replace(shown[1], picture=shown[1].picture[:-4])
     with pytest.raises(UserError, match=r"seen1\.png.*as the first"):
-        import_pictures(shown, focal_length_m=0.25, **KNOWN)
+        import_pictures(shown, KNOWN)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +158,7 @@ def test_pictures_of_several_shapes_are_refused() -> None:
 )
 def test_pictures_that_cant_be_placed_are_refused(picture: np.ndarray, pattern: np.ndarray, said: str) -> None:
     with pytest.raises(UserError, match=said):
-        import_pictures([PictureAndPattern(picture, pattern)], **KNOWN)
+        import_pictures([PictureAndPattern(picture, pattern)], replace(KNOWN, focal_length_m=None))
 
 
 def test_the_noise_of_dark_pixels_is_measured() -> None:

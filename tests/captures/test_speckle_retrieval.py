@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from holoview.bench.captures.picture_import import PictureAndPattern, import_pictures
+from holoview.bench.captures.picture_import import KnownBench, PictureAndPattern, import_pictures
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import LightRetrieval, nearest_beam
 from holoview.light.numerics.surfaces import zernike
@@ -40,10 +40,7 @@ def test_light_is_retrieved_without_a_start() -> None:
     pattern = spread_pattern(3)
     captures = import_pictures(
         [PictureAndPattern(photograph(pattern, bench, 4), pattern)],
-        wavelength_m=WAVELENGTH_M,
-        pitch_m=PITCH_M,
-        camera_pitch_m=CAMERA_PITCH_M,
-        focal_length_m=bench.focal_length_m,
+        KnownBench(WAVELENGTH_M, PITCH_M, CAMERA_PITCH_M, bench.focal_length_m),
     ).captures
     retrieval = LightRetrieval(prepare_captures(captures))
     found = retrieval.ascend(retrieval.start(0.7), 25)

@@ -295,6 +295,7 @@ BAD_IMPORTS = {
     "such as 100:500,200:900": ("a.png", "--pattern", "a.png", "--roi", "3-9", *GEOMETRY),
     "as the pictures": ("a.png", "--pattern", "a.png", "--mask", "small.png", *GEOMETRY),
     'or "unknown"': ("a.png", "--pattern", "a.png", "--read-noise", "much", *GEOMETRY),
+    "between 0.1 um and 1000 um": ("a.png", "--pattern", "a.png", *GEOMETRY, "--pitch", "0um"),
     "is missing": ("a.png", "--pattern", "a.png", "--wavelength", "532nm"),
     "differ by up to": ("a.png", "--pattern", "colour.png", *GEOMETRY),
     "stands nowhere": ("seen31.png", "--pattern", "other.png", *GEOMETRY),

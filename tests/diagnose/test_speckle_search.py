@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,7 +12,7 @@ from benchmarks.plain_light import Beam
 from benchmarks.real_benches import draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
-from holoview.bench.captures.picture_import import PictureAndPattern, import_pictures
+from holoview.bench.captures.picture_import import KnownBench, PictureAndPattern, import_pictures
 from holoview.bench.diagnose import speckle_search
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
@@ -22,7 +21,6 @@ from holoview.util.progress import no_progress
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
 from tests.explored import explored
 
-KNOWN: dict[str, Any] = {"wavelength_m": WAVELENGTH_M, "pitch_m": PITCH_M, "camera_pitch_m": CAMERA_PITCH_M}
 HALF_PX = 64.0  # of the modulator's longer side
 
 
@@ -32,7 +30,7 @@ def _captures(bench: FarField, seed: int, pictures: int = 1) -> Captures:
         PictureAndPattern(photograph(pattern, bench, seed + 50), pattern, f"{k}", f"{k}")
         for k, pattern in enumerate(patterns)
     ]
-    return import_pictures(shown, focal_length_m=0.25, **KNOWN).captures
+    return import_pictures(shown, KnownBench(WAVELENGTH_M, PITCH_M, CAMERA_PITCH_M, 0.25)).captures
 
 
 @pytest.mark.explores

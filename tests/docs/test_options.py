@@ -12,6 +12,7 @@ import pytest
 import holoview
 from holoview.bench.calibrate.exposure import ExposureLimits
 from holoview.bench.calibrate.train import CalibrationSettings
+from holoview.bench.captures.picture_import import KnownBench
 from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.captures.speckle_meter import CameraLens
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, Nuisances
@@ -28,7 +29,7 @@ DOCS = Path(holoview.__file__).resolve().parents[1] / "docs"
 TABLES = {
     "optimiser.md": (Settings, RunOptions),
     "calibration.md": (CalibrationSettings, ExposureLimits),
-    "captures.md": (AcquisitionSettings, Nuisances),
+    "captures.md": (AcquisitionSettings, Nuisances, KnownBench),
     "diagnosis.md": (DiagnosisOptions, SamplingConfig),
     "rig-reference.md": (LoopSettings,),
     "fields.md": (ReadRequest, WindowRequest),
@@ -47,7 +48,7 @@ def table(description: type[Any]) -> str:
         default = None if default is MISSING else default
         values = default if isinstance(default, tuple) else () if default is None else (default,)
         shown = ", ".join(units.format_rounded(value, unit) if unit else str(value) for value in values)
-        shown = "" if isinstance(kind, Nested) or default is False or default == math.inf else shown
+        shown = "" if isinstance(kind, Nested) or default is False or default in (math.inf, math.nan) else shown
         name = f"`{field.name}`, `{flag_of(field)}`" if field.metadata["flag"] else f"`{field.name}`"
         rows.append(f"| {name} | {kind.format_range()} | {shown} | {doc} |")
     return "\n".join(rows) + "\n"

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import tifffile
@@ -119,6 +119,30 @@ def _decode_jpeg(path: Path) -> tuple[NDArray[Any], list[int]]:
 
 
 @dataclass(frozen=True)
+class KnownNumber:
+    """Type of a field: a number above 0, or 0 as well if `has_zero`; NaN, in text "unknown", where nobody knows it."""
+
+    has_zero: bool = False
+    metavar: ClassVar[str] = f"N | {UNKNOWN}"
+    is_appended: ClassVar[bool] = False
+
+    def parse(self, value: Any, where: str) -> float:
+        if value is math.nan or str(value).strip().lower() == UNKNOWN:
+            return math.nan
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not (0 < number < math.inf or (self.has_zero and number == 0)):
+            raise UserError(where, f'"{value}"', expected=self.format_range())
+        return number
+
+    def format_range(self) -> str:
+        """What is expected, for error messages."""
+        return f'a number {"from" if self.has_zero else "above"} 0, or "{UNKNOWN}"'
+
+
+@dataclass(frozen=True)
 class Pair:
     """A picture and the pattern that was shown; power and exposure_s are NaN where nobody knows."""
 
@@ -145,22 +169,11 @@ def read_pairs(path: Path) -> list[Pair]:
         for name in ("image", "slm1"):
             if not line.get(name):
                 raise UserError(f"{path}, line {number}: {name}", "is missing", expected=expected)
-        settings = [known_number(line.get(name) or UNKNOWN, f"{path}, line {number}: {name}") for name in _SETTINGS]
+        settings = [
+            KnownNumber().parse(line.get(name) or UNKNOWN, f"{path}, line {number}: {name}") for name in _SETTINGS
+        ]
         pairs.append(Pair(path.parent / line["image"], path.parent / line["slm1"], *settings))
     return pairs
 
 
 _SETTINGS = ("power", "exposure")
-
-
-def known_number(text: str, where: str, low: float = 0.0) -> float:
-    """A number above `low`, or NaN for "unknown". Raises UserError for anything else."""
-    if text.strip().lower() == UNKNOWN:
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise UserError(where, f'"{text}"', expected=f'a number, or "{UNKNOWN}"') from error
-    if not (math.isfinite(value) and value > low):
-        raise UserError(where, text, expected=f'a number above {low:g}, or "{UNKNOWN}"')
-    return value

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.bench.captures.dataset import Camera, Captures, Masks, SlmSpec, undone
+from holoview.bench.captures.picture_files import KnownNumber
 from holoview.bench.captures.picture_geometry import (
     SpectrumPlacement,
     common_placement,
@@ -26,6 +27,7 @@ from holoview.bench.captures.picture_geometry import (
 from holoview.bench.captures.retrieved_placement import retrieved_placement
 from holoview.bench.captures.unknown_settings import PLACE, with_estimates
 from holoview.bench.captures.validation import check_captures
+from holoview.light.model.fields import Integer, Maybe, Number, described_field, flag_of, validate, with_field_docs
 from holoview.light.numerics.speckle_match import SpeckleMatch
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -57,18 +59,51 @@ class PictureAndPattern:
     exposure_s: float = math.nan
 
 
+@with_field_docs
 @dataclass(frozen=True)
-class KnownCamera:
-    """What is known of a camera, NaN where nobody does; bits: None for the fewest that hold the counts.
+class KnownBench:
+    """What is known of the Fourier bench of pictures. Raises UserError for lengths and numbers out of range.
 
-    compression_counts: r.m.s. error of compressed pictures.
+    Fields:
     """
 
-    bits: int | None = None
-    electrons_per_count: float = math.nan
-    read_noise: float = math.nan
-    black_level: float = math.nan
-    compression_counts: float = 0.0
+    wavelength_m: float = described_field(Number("nm", low=100e-9, high=10e-6), "Of the laser.")
+    pitch_m: float = described_field(Number("um", low=0.1e-6, high=1e-3), "Of the modulator's pixels.")
+    camera_pitch_m: float = described_field(Number("um", low=0.05e-6, high=1e-3), "Of the camera's pixels.")
+    focal_length_m: float | None = described_field(
+        Maybe(Number("mm", low=1e-4, high=10.0)),
+        "About, within 15 %, which saves time; the focal length is found in any case.",
+        default=None,
+    )
+    stroke_m: float | None = described_field(
+        Maybe(Number("nm", low=1e-9, high=20e-6)),
+        "Optical path of the modulator's highest level; a wavelength if absent.",
+        default=None,
+    )
+    levels: int | None = described_field(
+        Maybe(Integer(2, 65536)), "Of the modulator; 256 if absent, or 65 536 for patterns with more.", default=None
+    )
+    bit_depth: int | None = described_field(
+        Maybe(Integer(1, 16)), "Of the camera; the least that holds the counts if absent.", default=None
+    )
+    electrons_per_count: float = described_field(
+        KnownNumber(), "Photo-electrons a count; estimated if unknown.", default=math.nan
+    )
+    read_noise: float = described_field(
+        KnownNumber(has_zero=True), "Electrons r.m.s.; estimated if unknown.", default=math.nan
+    )
+    black_level: float = described_field(
+        KnownNumber(has_zero=True), "Counts without light; estimated if unknown.", default=math.nan
+    )
+    power: float = described_field(
+        KnownNumber(), "Of the laser, in any unit, of all pictures; estimated if unknown.", default=math.nan
+    )
+    exposure_s: float = described_field(
+        KnownNumber(), "Seconds, of all pictures; estimated if unknown.", default=math.nan
+    )
+
+    def __post_init__(self) -> None:
+        validate(self, flag_of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,45 +117,39 @@ class ImportedPictures:
 
 def import_pictures(
     shown: Sequence[PictureAndPattern],
+    known: KnownBench,
     *,
-    wavelength_m: float,
-    pitch_m: float,
-    camera_pitch_m: float,
-    focal_length_m: float | None = None,
-    stroke_m: float | None = None,
-    levels: int | None = None,
-    camera: KnownCamera | None = None,
     usable: Masks | None = None,
+    compression_counts: float = 0.0,
     progress: ProgressCallback = no_progress,
 ) -> ImportedPictures:
     """Captures of pictures and their patterns on one Fourier bench.
 
-    focal_length_m: stated, which is looked for within 15 %; any when None. stroke_m: optical path between level 0 and
-    the highest; a wavelength when None. levels: of the modulator; 256, or 65536, when None. usable: (y, x), False for
-    pixels of the pictures, as they were taken, that don't count.
+    usable: (y, x), False for pixels of the pictures, as they were taken, that don't count. compression_counts: r.m.s.
+    error of compressed pictures.
 
     Raises UserError for pictures that are nearly dark or show too little of the far field, and where no placement of a
     pattern's spectrum lets speckle stand: then the pattern isn't that of the picture, which is named, or the geometry
     isn't that of a Fourier bench.
     """
-    known = camera or KnownCamera()
-    scale = None if focal_length_m is None else wavelength_m * focal_length_m / (pitch_m * camera_pitch_m)
+    per_m = known.wavelength_m / (known.pitch_m * known.camera_pitch_m)
+    scale = None if known.focal_length_m is None else known.focal_length_m * per_m
     _require_placeable(shown, scale)
-    bits = known.bits or _fewest_bits(shown)
+    bits = known.bit_depth or _fewest_bits(shown)
     saturation = 2**bits - 1
-    of_levels = levels or (256 if all(int(one.pattern.max()) < 256 for one in shown) else 65536)
+    of_levels = known.levels or (256 if all(int(one.pattern.max()) < 256 for one in shown) else 65536)
     pictures = [one.picture.astype(np.float64) for one in shown]
     cuts = [zero_order_mask(one.picture, saturation) | (usable is not None and ~usable) for one in shown]
     phases = [one.pattern / (of_levels - 1) for one in shown]
-    slm = SlmSpec(pitch_m, of_levels, stroke_m or wavelength_m)
-    sensor = Camera(camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
+    slm = SlmSpec(known.pitch_m, of_levels, known.stroke_m or known.wavelength_m)
+    sensor = Camera(known.camera_pitch_m, bits, known.electrons_per_count, known.read_noise, known.black_level)
     found_by = f"{PLACE}, from the speckle of the pictures"
 
     def captures_of(placed: SpectrumPlacement) -> Captures:
         keep = np.stack([undone(~cut, placed.orientation) for cut in cuts])
-        captures = _upright_captures(shown, placed, wavelength_m, slm, sensor)
+        captures = _upright_captures(shown, placed, known, slm, sensor)
         captures = replace(captures, usable=None if keep.all() else keep, estimated=(found_by,))
-        return with_estimates(captures, known.compression_counts)
+        return with_estimates(captures, compression_counts)
 
     placements, stands = _placements(pictures, cuts, phases, scale, progress)
     if stands:
@@ -128,14 +157,14 @@ def import_pictures(
     else:
         best, matches = retrieved_placement(placements, captures_of)
     _require_standing(shown, matches)
-    found_m = best.scale_px * pitch_m * camera_pitch_m / wavelength_m
+    found_m = best.scale_px / per_m
     keep = np.stack([undone(~cut, best.orientation) for cut in cuts])
     captures = captures_of(best)
     notes = (
-        *_placement_notes(placements, best, matches, found_m, focal_length_m),
+        *_placement_notes(placements, best, matches, found_m, known.focal_length_m),
         *_apart_notes(shown, matches),
         *_left_out_notes(shown, keep, saturation, usable is not None),
-        *([] if stroke_m else [_assumed_turn(of_levels, wavelength_m)]),
+        *([] if known.stroke_m else [_assumed_turn(of_levels, known.wavelength_m)]),
         *(f"estimated: {sentence}" for sentence in captures.estimated if sentence != found_by),
     )
     check_captures(captures)
@@ -154,7 +183,7 @@ def _fewest_bits(shown: Sequence[PictureAndPattern]) -> int:
 
 
 def _upright_captures(
-    shown: Sequence[PictureAndPattern], placed: SpectrumPlacement, wavelength_m: float, slm: SlmSpec, camera: Camera
+    shown: Sequence[PictureAndPattern], placed: SpectrumPlacement, known: KnownBench, slm: SlmSpec, camera: Camera
 ) -> Captures:
     """The captures with upright pictures, whose focal length and axis are those of the placement."""
     axis = upright_place(placed.axis_px, shown[0].picture.shape, placed.orientation)
@@ -163,13 +192,13 @@ def _upright_captures(
     return Captures(
         levels=np.stack([one.pattern for one in shown])[:, None],
         images=images,
-        wavelength_m=np.full(len(shown), wavelength_m),
+        wavelength_m=np.full(len(shown), known.wavelength_m),
         distance_m=np.zeros(len(shown)),
-        power=np.array([one.power for one in shown]),
-        exposure_s=np.array([one.exposure_s for one in shown]),
+        power=np.array([one.power if math.isnan(known.power) else known.power for one in shown]),
+        exposure_s=np.array([one.exposure_s if math.isnan(known.exposure_s) else known.exposure_s for one in shown]),
         slms=(slm,),
         camera=camera,
-        focal_length_m=placed.scale_px * slm.pitch_m * camera.pitch_m / wavelength_m,
+        focal_length_m=placed.scale_px * slm.pitch_m * camera.pitch_m / known.wavelength_m,
         axis_m=((axis[0] - (rows - 1) / 2) * camera.pitch_m, (axis[1] - (columns - 1) / 2) * camera.pitch_m),
     )
 
