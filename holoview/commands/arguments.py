@@ -333,7 +333,8 @@ def add_fields(
         options = _flag_options(field, more_words, states_units)
         if key in defaults:
             options["default"] = defaults[key]
-        default = _default_text(defaults.get(key, field.default), kind, getattr(item, "unit", ""))
+        unit = getattr(getattr(item, "item", item), "unit", "")
+        default = _default_text(defaults.get(key, field.default), kind, unit)
         text = f"{field.metadata['doc']} {default}{(notes or {}).get(key, '')}".strip()
         add(flag_of(field), **options, help=text.replace("%", "%%"))
 
