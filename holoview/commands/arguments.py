@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from holoview.commands.console import print_stderr
@@ -422,10 +423,21 @@ def dest_of(field: Field[Any]) -> str:
     return flag_of(field)[2:].replace("-", "_")
 
 
-def given_fields(args: argparse.Namespace, description: type[Any]) -> dict[str, Any]:
-    """The values of the flags of `add_fields` that were given, by the names of their fields."""
-    values = {field.name: getattr(args, dest_of(field), None) for field in fields_by_key(description).values()}
-    return {name: value for name, value in values.items() if value is not None}
+def given_fields(
+    args: argparse.Namespace, description: type[Any], instead: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
+    """The values of the flags of `add_fields` that were given, by the names of their fields.
+
+    instead: values by the names of their fields, in place of those in `args`; None for one that isn't given. Raises
+    UserError, which names the flag, for a value out of its field's range.
+    """
+    fields = fields_by_key(description).values()
+    values = {field: instead.get(field.name, getattr(args, dest_of(field), None)) for field in fields}
+    return {
+        field.name: field.metadata["kind"].parse(value, flag_of(field))
+        for field, value in values.items()
+        if value is not None
+    }
 
 
 # --- the file that a command writes when none is named; its name comes from a bench, which may be a stranger's ---

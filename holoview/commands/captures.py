@@ -44,7 +44,7 @@ from holoview.commands.arguments import (
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output
 from holoview.holograms.files.pictures import write_png
-from holoview.light.model.fields import fields_by_key, flag_of, validate
+from holoview.light.model.fields import fields_by_key, flag_of
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
@@ -131,8 +131,6 @@ def _make(args: argparse.Namespace) -> int:
     """Simulates captures of a preset with its effects and those of `--effects`; the file states the nominal bench."""
     nuisances = Nuisances(**given_fields(args, Nuisances))
     settings = AcquisitionSettings(**given_fields(args, AcquisitionSettings), nuisances=nuisances)
-    validate(nuisances, flag_of)
-    validate(settings, flag_of)
     effects = parse_effects(args.effects)
     system = system_from_args(args)
     with progress_bar("measuring") as report:

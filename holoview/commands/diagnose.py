@@ -34,7 +34,7 @@ from holoview.commands.output_files import ResultSaver, add_input, add_output, a
 from holoview.light.model import preset
 from holoview.light.model.effects.effect import Effect
 from holoview.light.model.effects.registry import load_user_effects
-from holoview.light.model.fields import fields_by_key, flag_of, validate
+from holoview.light.model.fields import fields_by_key, flag_of
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
@@ -318,4 +318,3 @@ def check_rig_options(args: argparse.Namespace) -> None:
         raise UserError(flags[0], "is of captures that are taken", expected="--rig RIG.toml with it")
     if args.rig is not None and args.preset is not None:
         raise UserError("--preset", "together with --rig", remedy="state the geometry in rig.toml")
-    validate(LoopSettings(**settings), flag_of)

@@ -7,9 +7,8 @@ field of another program, whose parts may be in several files.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 from holoview.commands.arguments import (
     add_fields,
     dest_of,
+    given_fields,
     parse_assignment,
     parse_effects,
     system_from_args,
@@ -38,7 +38,7 @@ from holoview.holograms.files.request import (
 from holoview.holograms.hologram import FORMAT, Hologram
 from holoview.holograms.load_field import OpenedHologram, open_hologram
 from holoview.light.model import preset
-from holoview.light.model.fields import fields_by_key, flag_of
+from holoview.light.model.fields import fields_by_key
 from holoview.light.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
@@ -92,25 +92,10 @@ def request_from_args(args: argparse.Namespace) -> ReadRequest:
     first = planes if isinstance(planes, str) else next(iter(planes), None)
     if args.distance is None and first is not None and first != "all" and not first.rstrip().endswith("D"):
         read["distance_m"] = units.parse(first, "--plane")
-    window = _given(args, _WINDOW.values(), {})
-    given = _given(args, _FLAGGED.values(), read)
-    stated = ReadRequest(**given, window=WindowRequest(**window) if window else None, most_samples=MOST_UNASKED)
+    window = given_fields(args, WindowRequest)
+    read["window"] = WindowRequest(**window) if window else None
+    stated = ReadRequest(**given_fields(args, ReadRequest, read), most_samples=MOST_UNASKED)
     return over(stated, request_of_notes(_notes(args.file_note or ()), "--file-note ")) if args.file_note else stated
-
-
-def _given(
-    args: argparse.Namespace, fields: Iterable[dataclasses.Field[Any]], read: Mapping[str, Any]
-) -> dict[str, Any]:
-    """The values of the flags that are given, by their fields' names. read: those that aren't as `args` has them.
-
-    Raises UserError, with the flag, for a value that isn't of its field's type.
-    """
-    values = {field: read.get(field.name, getattr(args, dest_of(field))) for field in fields}
-    return {
-        field.name: field.metadata["kind"].parse(value, flag_of(field))
-        for field, value in values.items()
-        if value is not None
-    }
 
 
 def _notes(texts: Sequence[str]) -> dict[str, Any]:

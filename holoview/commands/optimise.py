@@ -334,8 +334,9 @@ def _settings(
 
     iterations: where the arguments don't say how many.
     """
-    given = {"iterations": iterations, **given_fields(args, Settings), "region": _region_or_margin(args, system)}
-    return pupils.in_settings(Settings(**given | ({"loss": None} if args.loss == FIELD_LOSS else {})))
+    loss = None if args.loss == FIELD_LOSS else args.loss
+    given = given_fields(args, Settings, {"region": _region_or_margin(args, system), "loss": loss})
+    return pupils.in_settings(Settings(**{"iterations": iterations} | given))
 
 
 def _region_or_margin(args: argparse.Namespace, system: System) -> Region | None:
