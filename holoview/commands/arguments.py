@@ -174,9 +174,9 @@ def checked_region(region: Region, shape: tuple[int, ...], flag: str) -> Region:
     return region
 
 
-def parse_samples(text: str, count: int, flag: str, expected: str) -> list[int]:
-    """So many whole numbers from 0, separated by commas. Raises UserError for other texts, with the flag."""
-    parts = [part.strip() for part in text.split(",")]
+def parse_samples(text: str, count: int, flag: str, expected: str, between: str = ",") -> list[int]:
+    """So many whole numbers from 0, with `between` between them. Raises UserError for other texts, with the flag."""
+    parts = [part.strip() for part in text.split(between)]
     if len(parts) != count or not all(part.isdecimal() and len(part) <= _MOST_DIGITS for part in parts):
         raise UserError(flag, f'"{text}"', expected=expected)
     return [int(part) for part in parts]

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from holoview.commands.arguments import add_system, system_from_args
+from holoview.commands.arguments import add_system, parse_samples, system_from_args, whole
 from holoview.commands.bench_report import write_report
 from holoview.commands.console import deferred_interrupt, print_json, progress_bar
 from holoview.commands.output_files import add_input, add_output_folder
@@ -29,6 +29,7 @@ from holoview.evidence.benchmark.report_run import ReportOptions
 from holoview.light.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.light.gpu.line_fft import STRATEGIES, supported_strategies
 from holoview.light.gpu.tune import StrategyOption
+from holoview.light.model.fields import Integer, Several
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import is_fast_length
@@ -46,7 +47,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--size", metavar="XxY[,XxY…]", help=f"simulated samples, x by y ({_SIZE}); with --report, one or several"
     )
-    parser.add_argument("--rounds", metavar="N", default="7", help="how often each job is timed; medians are shown")
+    parser.add_argument(
+        "--rounds", metavar="N", type=whole(1), default=7, help="how often each job is timed; medians are shown"
+    )
     parser.add_argument("--half", action="store_true", help="store fields as f16 between kernels")
     parser.add_argument(
         "--strategy", choices=("auto", *STRATEGIES), default="auto", help="of the transforms; auto: the fastest"
@@ -71,13 +74,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"about two minutes for {_OPTIMISER_SIZE}, the default of --size here",
     )
     add_input(parser, "--picture", metavar="FILE", help="with --optimiser: the target (a still life)")
-    parser.add_argument("--long", metavar="N", help="with --optimiser: iterations of the long runs (500)")
+    parser.add_argument(
+        "--long", metavar="N", type=whole(1), help="with --optimiser: iterations of the long runs (500)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the benchmark and print a table or JSON."""
     args.preset = args.preset or _DEFAULT
-    rounds = _positive("--rounds", args.rounds)
+    rounds = args.rounds
     if args.optimiser:
         return _optimiser(args, rounds)
     for flag, is_set in (("--picture", args.picture is not None), ("--long", args.long is not None)):
@@ -127,7 +132,7 @@ def _optimiser(args: argparse.Namespace, rounds: int) -> int:
     else:
         system = _sized(system, args.size or _OPTIMISER_SIZE)
     work = quality_work(system, args.picture or data_dir("assets") / _PICTURE)
-    long = QualityRun.long if args.long is None else _positive("--long", args.long)
+    long = args.long or QualityRun.long
     with deferred_interrupt() as interruption, progress_bar("bench") as show:
         found = time_to_quality(work, QualityRun(long, rounds, progress=show, interruption=interruption))
     if found is None:
@@ -176,9 +181,9 @@ def _report(args: argparse.Namespace, rounds: int) -> int:
     elif args.size is not None:
         for size in args.size.split(","):
             _sized(system, size)
-        options["sizes"] = tuple((int(x), int(y)) for x, _, y in (size.partition("x") for size in args.size.split(",")))
+        options["sizes"] = tuple((x, y) for x, y in map(_samples, args.size.split(",")))
     if args.lasers is not None and not system.is_chain:
-        options["wavelengths"] = tuple(_positive("--lasers", count) for count in args.lasers.split(","))
+        options["wavelengths"] = Several(Integer(1)).parse(args.lasers, "--lasers")
     return write_report(open_device(args.adapter), ReportOptions(system, **options), args.report)
 
 
@@ -252,15 +257,13 @@ def _device_lines(timed: dict[str, Any] | None) -> list[str]:
 
 def _sized(system: System, size: str) -> System:
     """A short form with modulators of `size` samples, such as "1024x768" (x by y). Raises UserError for other sizes."""
-    columns, _, rows = size.partition("x")
+    columns, rows = _samples(size)
     upsample = system.sampling.upsample
-    if not (columns.isdecimal() and rows.isdecimal() and int(columns) and int(rows)):
-        raise UserError("--size", f'"{size}"', expected="samples such as 1024x768")
-    if int(columns) % upsample or int(rows) % upsample:
+    if columns % upsample or rows % upsample:
         raise UserError("--size", size, expected=f"multiples of the bench's upsampling, {upsample}")
-    if not (is_fast_length(int(columns)) and is_fast_length(int(rows))):
+    if not (is_fast_length(columns) and is_fast_length(rows)):
         raise UserError("--size", size, expected="products of 2, 3 and 5, so that torch transforms the same grid")
-    return system.edit({"shape": [int(rows) // upsample, int(columns) // upsample]})
+    return system.edit({"shape": [rows // upsample, columns // upsample]})
 
 
 def _tuning_report(system: System, device: Device, *, as_json: bool) -> str:
@@ -291,7 +294,5 @@ def _adapter(device: Device) -> dict[str, str]:
     return {"name": info.name, "kind": info.kind, "backend": info.backend, "driver": info.driver}
 
 
-def _positive(flag: str, text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise UserError(flag, f'"{text}"', expected="a whole number from 1")
-    return int(text)
+def _samples(size: str) -> list[int]:
+    return parse_samples(size, 2, "--size", "samples such as 1024x768", "x")

@@ -300,7 +300,7 @@ def _usable(args: argparse.Namespace, shape: tuple[int, ...]) -> NDArray[np.bool
             raise UserError(str(args.mask), found, expected=f"{columns} × {rows}, as the pictures")
         usable &= mask > 0
     if args.roi is not None:
-        numbers = re.fullmatch(r"(\d+):(\d+),(\d+):(\d+)", args.roi.replace(" ", ""))
+        numbers = re.fullmatch(r"(\d{1,9}):(\d{1,9}),(\d{1,9}):(\d{1,9})", args.roi.replace(" ", ""))
         if numbers is None:
             raise UserError("--roi", f'"{args.roi}"', expected="rows and columns, such as 100:500,200:900")
         y0, y1, x0, x1 = (int(text) for text in numbers.groups())

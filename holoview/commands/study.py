@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from holoview.commands.arguments import number, parse_seed, whole
+from holoview.commands.arguments import number, parse_samples, parse_seed, whole
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_output_folder, hold_outputs
 from holoview.evidence.study.hologram_study import HologramStudy, write_live_page
@@ -23,7 +23,6 @@ from holoview.util.figures import require_matplotlib
 from holoview.util.file_writer import make_folder
 from holoview.util.processes import exit_code_of
 
-_MAX_WORKERS = 1024
 _LIVE = "live.html"
 
 
@@ -67,7 +66,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Adds --workers and --scheduler; see `execution_target`."""
-    parser.add_argument("--workers", metavar="N", default="1", help="processes of this machine that share the work")
+    parser.add_argument(
+        "--workers", metavar="N", type=whole(1, 1024), default=1, help="processes of this machine that share the work"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler's address: tcp://host:8786")
 
 
@@ -134,16 +135,12 @@ def _scale(args: argparse.Namespace, study: Study) -> StudyScale:
 
 
 def _parse_shape(text: str) -> tuple[int, int]:
-    rows, _, columns = text.partition("x")
-    if not (rows.isdecimal() and columns.isdecimal()):
-        raise UserError("--shape", f'"{text}"', expected="rows and columns, such as 192x256")
-    return Shape().parse([int(rows), int(columns)], "--shape")
+    pair = parse_samples(text, 2, "--shape", "rows and columns, such as 192x256", "x")
+    return Shape().parse(pair, "--shape")
 
 
 def execution_target(args: argparse.Namespace) -> ExecutionTarget:
-    """Where --workers and --scheduler let jobs run. Raises UserError for both, and for numbers out of range."""
-    if not args.workers.isdecimal() or not 1 <= int(args.workers) <= _MAX_WORKERS:
-        raise UserError("--workers", f'"{args.workers}"', expected=f"a number of processes from 1 to {_MAX_WORKERS}")
-    if args.scheduler is not None and int(args.workers) > 1:
+    """Where --workers and --scheduler let jobs run. Raises UserError for both."""
+    if args.scheduler is not None and args.workers > 1:
         raise UserError("--workers with --scheduler", "contradict each other", expected="one of them")
-    return ExecutionTarget(int(args.workers), args.scheduler)
+    return ExecutionTarget(args.workers, args.scheduler)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holoview.commands.arguments import add_changes, number, whole, with_changes
+from holoview.commands.arguments import add_changes, number, parse_samples, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.hologram_files import (
     add_field_options,
@@ -215,8 +214,8 @@ def _read(path: Path) -> str:
 
 
 def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)[x×](\d+)", text.strip())
-    sizes = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not all(_SIZES[0] <= side <= _SIZES[1] for side in sizes):
-        raise UserError("--size", f'"{text}"', expected=f"WIDTHxHEIGHT, each from {_SIZES[0]} to {_SIZES[1]} pixels")
-    return sizes
+    expected = f"WIDTHxHEIGHT, each from {_SIZES[0]} to {_SIZES[1]} pixels"
+    width, height = parse_samples(text.replace("×", "x"), 2, "--size", expected, "x")
+    if not all(_SIZES[0] <= side <= _SIZES[1] for side in (width, height)):
+        raise UserError("--size", f'"{text}"', expected=expected)
+    return width, height

@@ -56,3 +56,16 @@ def test_what_needs_more_than_is_allowed_is_refused_with_the_numbers(capsys: pyt
     assert VARIABLE not in os.environ
     assert main(["info", "holochrome-8", "--memory", "many"]) == 2
     assert "a size such as 8GB" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["study eye --workers N", "study eye --shape Nx20", "bench --rounds N", "bench --size Nx20", "view --size Nx20"],
+)
+def test_numbers_of_thousands_of_digits_are_refused_in_a_sentence(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Python converts at most 4300 digits, and raises an error of its own beyond."""
+    assert main(words.replace("N", "9" * 5000).split()) == 2
+    message = capsys.readouterr().err
+    assert words.split()[-2] in message and "expected" in message and message.count("\n") == 1

@@ -148,8 +148,8 @@ def test_the_list_of_studies(capsys: pytest.CaptureFixture[str]) -> None:
     [
         ([], "which one?"),
         (["shemes"], 'study "shemes": unknown'),
-        (["schemes", "--workers", "x"], '--workers: "x"; expected a number of processes from 1'),
-        (["schemes", "--workers", "0"], '--workers: "0"'),
+        (["schemes", "--workers", "x"], "--workers: 'x'; expected a whole number of at least 1"),
+        (["schemes", "--workers", "0"], "--workers: '0'"),
         (["schemes", "--workers", "2", "--scheduler", "tcp://a:1"], "contradict each other"),
         (["schemes", "--quick", "--full"], "not allowed with"),
     ],
