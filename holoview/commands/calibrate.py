@@ -28,12 +28,12 @@ from holoview.bench.calibrate.train import CalibrationSettings, TrainingState, l
 from holoview.bench.captures import read_captures
 from holoview.bench.captures.count_bits import with_clipped_as_saturated
 from holoview.bench.captures.slmsuite_calibration import PixelCalibration, read_slmsuite
-from holoview.commands.arguments import add_fields, given_fields, number, whole
+from holoview.commands.arguments import add_fields, dest_of, given_fields, number, whole
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
 from holoview.holograms.optimise.parallel import thread_count, torch_threads
 from holoview.light.model import preset
-from holoview.light.model.fields import fields_by_key, flag_of
+from holoview.light.model.fields import fields_by_key
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
@@ -77,7 +77,7 @@ def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], 
 
 
 # destinations in argparse's namespace of the options that only this form of the command has
-_SETTINGS = tuple(flag_of(field)[2:].replace("-", "_") for field in fields_by_key(CalibrationSettings).values())
+_SETTINGS = tuple(map(dest_of, fields_by_key(CalibrationSettings).values()))
 _CAPTURES_OPTIONS = (*_SETTINGS, "pixels_a_node", "pictures", "checkpoint", "resume")
 
 

@@ -32,6 +32,7 @@ from holoview.commands.arguments import (
     add_changes,
     add_fields,
     checked_region,
+    dest_of,
     given_fields,
     parse_region,
     stated_observer,
@@ -47,6 +48,7 @@ from holoview.commands.hologram_files import (
 )
 from holoview.commands.output_files import add_input, add_output
 from holoview.commands.speckle_options import (
+    OF_CAMERA,
     add_edge,
     add_meter,
     add_place,
@@ -148,12 +150,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 _OF_PICTURES = ("is_linear", "accepts_jpeg")  # also of pictures that are no photographs
+_OF_PHOTOGRAPHS = {key: own for key, own in fields_by_key(CameraStatements).items() if key not in _OF_PICTURES}
 
 
 def _add_camera(parser: argparse.ArgumentParser) -> None:
     """Adds what is known of the camera of a photograph."""
     group = parser.add_argument_group("photographs of a bench (any of these says that the pictures are)")
-    add_fields(group, CameraStatements, *(key for key in fields_by_key(CameraStatements) if key not in _OF_PICTURES))
+    add_fields(group, CameraStatements, *_OF_PHOTOGRAPHS)
     group.add_argument("--lasers", metavar="LIST", help="a photograph of each laser: their wavelengths, 638,532,450nm")
     add_input(group, "--together", metavar="PICTURE", help="with --lasers: a photograph of all lasers together")
     add_fields(parser, CameraStatements, "accepts_jpeg")
@@ -163,10 +166,10 @@ _DECODED = (
     "its whole numbers are taken as a display's signal, which was decoded: --linear if they are intensity, --dark or "
     "--black if a camera counted them"
 )
-_CAMERA_OPTIONS = ("dark", "black", "gain", "read_noise", "repeat", "encoded", "saturation", "lasers", "together")
+_CAMERA_OPTIONS = (*map(dest_of, _OF_PHOTOGRAPHS.values()), "lasers", "together")
 _NOT_OF_CAPTURES = (
     *("scheme", "plane", "pupils", "linear", "edge", "target", "depth", "align", "plot", "live", "jpeg"),
-    *("meter", "f_number", "pixel", "bits", "exposure", *_CAMERA_OPTIONS),
+    *("meter", *OF_CAMERA, *_CAMERA_OPTIONS),
 )
 
 

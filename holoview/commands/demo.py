@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import holoview
-from holoview.commands.arguments import add_backend, check_adapter_applies, whole
+from holoview.commands.arguments import add_backend, add_fields, check_adapter_applies, whole
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.optimise import optimise_with_progress
 from holoview.commands.output_files import add_output_folder, check_files
@@ -46,7 +46,7 @@ _MIN_SIDE = 16  # pixels: the eyebox is measured in 8 × 8 blocks
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_output_folder(parser, "-o", "--output", metavar="DIR", default=Path("holoview-demo"), help="folder to write to")
-    parser.add_argument("--iterations", type=whole(1), default=20, help="of each display's optimisation")
+    add_fields(parser, Settings, "iterations", defaults={"iterations": 20})
     parser.add_argument(
         "--shape", type=whole(1, 16384), nargs=2, metavar=("ROWS", "COLUMNS"), help="fewer modulator pixels: faster"
     )

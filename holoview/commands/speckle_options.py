@@ -29,7 +29,7 @@ from holoview.light.numerics.sampling import Region
 from holoview.util.errors import UserError
 from holoview.util.progress import TextCallback
 
-_OF_CAMERA = ("f_number", "pixel", "bits", "exposure")
+OF_CAMERA = ("f_number", "pixel", "bits", "exposure")
 _MOST_SHOWN = 12  # lasers in a matrix of text
 
 
@@ -106,7 +106,7 @@ def add_meter(parser: argparse.ArgumentParser) -> None:
         choices=METERS,
         help="eye: 3 mm and cones; iec: 1.2 mm without aberrations; camera: a lens and pixels",
     )
-    add_fields(group, CameraLens, *_OF_CAMERA, states_units=True)
+    add_fields(group, CameraLens, *OF_CAMERA, states_units=True)
 
 
 def meter_from_args(args: argparse.Namespace) -> Meter:

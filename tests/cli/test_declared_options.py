@@ -34,7 +34,6 @@ OTHERS = {
     "point": ("--window",),
     "contrast": ("--region", "--pupils"),
     "report": ("--region",),
-    "demo": ("--iterations",),
 }
 """Flags that mean something else than the declared fields of the same name, whose flags other commands have."""
 
