@@ -63,7 +63,8 @@ PARAMETERS: Mapping[str, tuple[float, float]] = {
 """The eight parameters of a person and their ranges: percent of the densities of lens, macula and of the three cones,
 and nanometres by which the cones' absorbances lie at longer wavelengths."""
 
-_AGE_YEARS, _FIELD_DEG = (20.0, 80.0), (1.0, 10.0)
+AGE_YEARS, FIELD_DEG = (20.0, 80.0), (1.0, 10.0)
+"""Ages, and sizes of the field (°), of which eyes are known."""
 _STANDARD_AGE, _STANDARD_FIELD = 32.0, 2.0
 _MOST_ROWS, _LEAST_ROWS, _WIDEST_STEP_NM = 1000, 5, 20.0
 _NM = (200.0, 2000.0)
@@ -149,7 +150,7 @@ def parse_observer(text: str) -> Observer:
     return Observer("person", found.get("age", _STANDARD_AGE), found.get("field", _STANDARD_FIELD), parameters)
 
 
-_RANGES = {"age": (*_AGE_YEARS, "years"), "field": (*_FIELD_DEG, "degrees"), "person": (1.0, float(PEOPLE), "")}
+_RANGES = {"age": (*AGE_YEARS, "years"), "field": (*FIELD_DEG, "degrees"), "person": (1.0, float(PEOPLE), "")}
 
 
 def _number(name: str, text: str) -> float:

@@ -12,7 +12,7 @@ from holoview.holograms.metrics.gamut import chromaticity, convex_hull
 from holoview.light.colour import observer_range_m, observer_weights, to_srgb8, xyz_to_linear_srgb
 from holoview.light.model.fields import Number
 from holoview.light.model.system import System
-from holoview.light.observers import parse_observer
+from holoview.light.observers import AGE_YEARS, FIELD_DEG, parse_observer
 from holoview.viewer.app import plots
 from holoview.viewer.app.context import AppContext
 from holoview.viewer.app.panel import Panel
@@ -99,10 +99,10 @@ def _draw_observer(context: AppContext) -> None:
     imgui.pop_item_width()
     if is_eye:
         imgui.push_item_width(0.25 * width)
-        age = number_field("age", Number(low=20.0, high=80.0), who.age_years, 32.0, "Years.", (20.0, 80.0))
+        age = number_field("age", Number("", *AGE_YEARS), who.age_years, 32.0, "Years.", AGE_YEARS)
         context.record_item_rect("age")
         imgui.same_line()
-        field = number_field("field (°)", Number(low=1.0, high=10.0), who.field_deg, 2.0, "Degrees.", (1.0, 10.0))
+        field = number_field("field (°)", Number("", *FIELD_DEG), who.field_deg, 2.0, "Degrees.", FIELD_DEG)
         context.record_item_rect("field")
         if edited := age or field:
             terms = (age.value if age else who.age_years, field.value if field else who.field_deg)
