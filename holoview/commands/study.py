@@ -5,18 +5,16 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any
 
-from holoview.commands.arguments import number, parse_samples, parse_seed, whole
+from holoview.commands.arguments import add_fields, given_fields, parse_samples, parse_seed, whole
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_output_folder, hold_outputs
 from holoview.evidence.study.hologram_study import HologramStudy, write_live_page
 from holoview.evidence.study.report import format_claims, write_report
 from holoview.evidence.study.runner import ExecutionTarget, ResultStore, run_jobs
 from holoview.evidence.study.studies import find_study, studies_by_name
-from holoview.evidence.study.study import QUICK, SCALES, TARGETS, Study, StudyScale
+from holoview.evidence.study.study import QUICK, SCALES, Study, StudyScale
 from holoview.holograms.metrics.perceptual_scores import PERCEPTUAL_SCORES
-from holoview.light.model.fields import Shape
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.figures import require_matplotlib
@@ -36,15 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     size.add_argument("--scale", choices=tuple(SCALES), help="middle: between the two, several seeds (default)")
     parser.add_argument("--seed", metavar="N", type=parse_seed, default=0, help="first seed of what is random")
     parser.add_argument("--shape", metavar="ROWSxCOLUMNS", help="pixels of the modulators, instead of the scale's")
-    parser.add_argument("--iterations", metavar="N", type=whole(1), help="of each optimisation, instead of the scale's")
-    parser.add_argument("--seeds", metavar="N", type=whole(1), help="number of seeds, instead of the scale's")
-    parser.add_argument("--targets", metavar="A,B", help="pictures, instead of the scale's: " + ", ".join(TARGETS))
-    parser.add_argument(
-        "--eyebox",
-        metavar="WEIGHT",
-        type=number(0),
-        help="penalty on an unevenly lit eyebox for all holograms (0: none)",
-    )
+    add_fields(parser, StudyScale, "iterations", "seeds", "targets", "eyebox")
     parser.add_argument(
         "--pupils", metavar="LIST", help="diameters of the pupils that look, e.g. 2,3,4mm (eye, pupil, retinal-speckle)"
     )
@@ -122,21 +112,11 @@ def _scale(args: argparse.Namespace, study: Study) -> StudyScale:
         if getattr(args, option) is not None and option not in study.options:
             having = ", ".join(name for name, other in studies_by_name().items() if option in other.options)
             raise UserError(f"--{option}", f"the study {study.name} doesn't have it", expected=f"one of {having}")
-    changes: dict[str, Any] = {key: getattr(args, key) for key in ("iterations", "seeds", "eyebox")}
-    if args.targets is not None:
-        changes["targets"] = tuple(args.targets.split(","))
-    if args.pupils is not None:
-        changes["pupils_m"] = tuple(sorted(set(units.parse_several(args.pupils, "--pupils"))))
-    if args.scores is not None:
-        changes["scores"] = tuple(args.scores)
-    if args.shape is not None:
-        changes["shape"] = _parse_shape(args.shape)
+    pupils_m = None if args.pupils is None else sorted(set(units.parse_several(args.pupils, "--pupils")))
+    expected = "rows and columns, such as 192x256"
+    shape = None if args.shape is None else parse_samples(args.shape, 2, "--shape", expected, "x")
+    changes = given_fields(args, StudyScale, {"name": None, "shape": shape, "pupils_m": pupils_m})
     return SCALES[args.scale or "middle"].with_changes(**changes)
-
-
-def _parse_shape(text: str) -> tuple[int, int]:
-    pair = parse_samples(text, 2, "--shape", "rows and columns, such as 192x256", "x")
-    return Shape().parse(pair, "--shape")
 
 
 def execution_target(args: argparse.Namespace) -> ExecutionTarget:

@@ -30,12 +30,13 @@ OTHERS = {
     "captures plan": ("--dark",),
     "calibrate": ("--checkpoint", "--resume", "--wavelength", "--order"),
     "sweep": ("--region", "--workers"),
-    "study": ("--seed", "--iterations", "--eyebox", "--pupils", "--workers"),
+    "study": ("--shape", "--seed", "--pupils", "--scores", "--workers"),
     "point": ("--window",),
     "contrast": ("--region", "--pupils"),
     "report": ("--region",),
+    "demo": ("--shape",),
 }
-"""Flags that mean something else than the declared fields of the same name, whose flags other commands have."""
+"""Flags with a meaning, or a notation, of their own beside declared fields of the same name."""
 
 
 def _leaves(parser: argparse.ArgumentParser, name: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
@@ -123,7 +124,7 @@ def test_every_description_has_flags_in_a_command() -> None:
     assert without == [] and Settings in _descriptions()
 
 
-def test_flags_that_only_share_the_name_of_a_field_are_known() -> None:
+def test_flags_that_share_the_name_alone_of_a_field_are_known() -> None:
     """A flag that a command describes by hand, where a field of its name is declared, is on the list or a mistake."""
     alone = {
         name: {action.option_strings[-1] for action, field in pairs if field is None}

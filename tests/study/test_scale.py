@@ -41,7 +41,8 @@ def test_every_target_is_a_picture_with_or_without_depth(name: str) -> None:
         (["--seeds", "0"], "--seeds: '0'; expected a whole number of at least 1"),
         (["--iterations", "-3"], "--iterations: '-3'; expected a whole number of at least 1"),
         (["--targets", "still-lif"], "did you mean still-life?"),
-        (["--eyebox", "nan"], "--eyebox: 'nan'; expected a number from 0 to"),
+        (["--eyebox", "nan"], "--eyebox: 'nan'; expected a finite number"),
+        (["--eyebox", "-1"], "--eyebox: -1.0; expected a weight of 0 or more"),
         (["--shape", "96"], '--shape: "96"; expected rows and columns'),
         (["--shape", "1x16"], "--shape"),
         (

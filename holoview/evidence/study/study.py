@@ -7,7 +7,6 @@ that its result depends on, so that a repeated run finds the results of an inter
 from __future__ import annotations
 
 import json
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,7 +19,19 @@ from numpy.typing import NDArray
 
 from holoview.holograms.hologram import Hologram
 from holoview.light.model.eye import PUPIL
-from holoview.util.errors import UserError, suggest_matches
+from holoview.light.model.fields import (
+    Choice,
+    Integer,
+    Maybe,
+    Number,
+    Several,
+    Shape,
+    Word,
+    described_field,
+    flag_of,
+    validate,
+    with_field_docs,
+)
 from holoview.util.packages import __version__
 
 if TYPE_CHECKING:
@@ -31,41 +42,42 @@ TARGETS = ("still-life", "night", "bright", "coffee", "resolution")
 """Names of the pictures that are part of holoview."""
 
 
+@with_field_docs
 @dataclass(frozen=True)
 class StudyScale:
-    """A problem size.
+    """A problem size. Raises UserError, which names the flag, for impossible values.
 
-    shape: modulator pixels (y, x). iterations: of an optimisation. seeds: number of them. targets: names of pictures.
-    planes: number of focal planes. eyebox: weight of the penalty on an unevenly lit eyebox, for all holograms.
-    pupils_m: diameters of the pupils through which a study looks that has several; empty for its own. scores: names of
-    the perceptual scores of a study that has them; None for all that are installed.
+    Fields:
     """
 
-    name: str
-    shape: tuple[int, int]
-    iterations: int
-    seeds: int
-    targets: tuple[str, ...]
-    planes: int
-    eyebox: float = 0.0
-    pupils_m: tuple[float, ...] = ()
-    scores: tuple[str, ...] | None = None
+    name: str = described_field(Choice(), "Of the scale.")
+    shape: tuple[int, int] = described_field(Shape(), "Rows and columns of the modulators.")
+    iterations: int = described_field(Integer(), "Of each optimisation, instead of the scale's.")
+    seeds: int = described_field(Integer(), "Number of seeds, instead of the scale's.")
+    targets: tuple[str, ...] = described_field(
+        Several(Word(TARGETS)), f"Pictures, instead of the scale's: {', '.join(TARGETS)}."
+    )
+    planes: int = described_field(Integer(), "Number of focal planes.")
+    eyebox: float = described_field(
+        Number(low=0.0, high=1e9, words="a weight of 0 or more, at most 1e+09"),
+        "Weight of the penalty on an unevenly lit eyebox, for all holograms; 0 for none.",
+        default=0.0,
+    )
+    pupils_m: tuple[float, ...] = described_field(
+        Several(PUPIL), "Diameters of the pupils that look, of a study that has several.", flag="pupils", default=()
+    )
+    scores: tuple[str, ...] | None = described_field(
+        Maybe(Several(Choice())),
+        "Perceptual scores, of a study that has them; all that are installed if absent.",
+        default=None,
+    )
+
+    def __post_init__(self) -> None:
+        validate(self, flag_of)
 
     def with_changes(self, **changes: Any) -> StudyScale:
         """The scale with some fields changed; None leaves one as it is. Raises UserError for impossible values."""
-        changed = replace(self, **{key: value for key, value in changes.items() if value is not None})
-        for key, count in (("--iterations", changed.iterations), ("--seeds", changed.seeds)):
-            if count < 1:
-                raise UserError(key, str(count), expected="at least 1")
-        for name in changed.targets:
-            if name not in TARGETS:
-                remedy = suggest_matches(name, TARGETS)
-                raise UserError("--targets", f'"{name}"', expected=", ".join(TARGETS), remedy=remedy)
-        if not 0 <= changed.eyebox < math.inf:
-            raise UserError("--eyebox", f"{changed.eyebox:g}", expected="a weight of 0 or more")
-        for diameter_m in changed.pupils_m:
-            PUPIL.parse(diameter_m, "--pupils")
-        return changed
+        return replace(self, **{key: value for key, value in changes.items() if value is not None})
 
     @property
     def job_settings(self) -> dict[str, Any]:
