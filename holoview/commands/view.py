@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holoview.commands.arguments import add_changes, number, parse_samples, whole, with_changes
+from holoview.commands.arguments import add_changes, add_fields, given_fields, parse_samples, whole, with_changes
 from holoview.commands.console import EXIT_DEVICE_LOST, print_stderr
 from holoview.commands.hologram_files import (
     add_field_options,
@@ -18,13 +19,14 @@ from holoview.commands.hologram_files import (
 from holoview.commands.output_files import add_input, add_output
 from holoview.holograms.fields.reading import remember
 from holoview.light.model import preset
+from holoview.light.model.fields import fields_by_key, flag_of
 from holoview.light.model.scheme import with_scheme
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.files import read_text
 from holoview.util.processes import is_left, last_work_s, wait_for_threads
 from holoview.util.progress import ProgressCallback
-from holoview.viewer.app.serve import CLIENTS, ServeOptions
+from holoview.viewer.app.serve import ServeOptions
 from holoview.viewer.page.link import split_link
 
 if TYPE_CHECKING:
@@ -55,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--new", action="store_true", help="begin anew instead of with the last session")
     parser.add_argument("--random", action="store_true", help="random patterns: the speckle of the bench, no picture")
     parser.add_argument("--serve", metavar="HOST:PORT", help="show it in a browser; asks for the token that is printed")
-    _add_serve_options(parser)
+    add_fields(parser.add_argument_group("with --serve"), ServeOptions, *fields_by_key(ServeOptions))
     parser.add_argument("--listen", action="store_true", help="show fields that programs on this machine send: hv.push")
     parser.add_argument(
         "--listen-port", metavar="PORT", type=whole(0, 65535), help="the port to listen on; a free one if absent"
@@ -66,28 +68,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--recover", type=whole(0, 2**31), metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
     add_input(parser, "--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
     add_output(parser, "--screenshot", metavar="PNG", suffix=".png", help="a picture of the window; with --offscreen")
-
-
-def _add_serve_options(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("with --serve")
-    group.add_argument("--look", action="store_true", help="to look at: no files are opened, saved or exported")
-    group.add_argument(
-        "--clients",
-        metavar="N",
-        type=whole(0),
-        help=f"the most pages that are connected at a time; {CLIENTS} if absent",
-    )
-    group.add_argument(
-        "--idle", metavar="MINUTES", type=number(), help="a page without input is disconnected; 60 if absent, 0: never"
-    )
-    group.add_argument(
-        "--host-name",
-        metavar="NAME",
-        action="append",
-        help="a further name that it answers to, such as that of a reverse proxy; may be given several times",
-    )
-    add_input(group, "--certificate", metavar="PEM", type=Path, help="encrypts connections (TLS) with this certificate")
-    add_input(group, "--key", metavar="PEM", type=Path, help="key of the certificate, if it isn't in the same file")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -174,14 +154,11 @@ def _check(args: argparse.Namespace) -> None:
 
 def _serve_options(args: argparse.Namespace) -> ServeOptions:
     """To whom the viewer is served. Raises UserError for such an option without --serve, and for wrong values."""
-    names = ("look", "clients", "idle", "host_name", "certificate", "key")
-    given = {name: value for name in names if (value := getattr(args, name)) is not None and value is not False}
-    if given and args.serve is None:
-        flag = f"--{next(iter(given)).replace('_', '-')}"
+    given = {name: value for name, value in given_fields(args, ServeOptions).items() if value is not False}
+    flag = next((flag_of(field) for field in fields(ServeOptions) if field.name in given), "")
+    if flag and args.serve is None:
         raise UserError(flag, "without --serve", expected="--serve HOST:PORT with it")
-    renamed = {"look": "is_read_only", "idle": "idle_min", "host_name": "host_names"}
-    options = {renamed.get(name, name): value for name, value in given.items()}
-    return ServeOptions(**options | {"host_names": tuple(given.get("host_name", ()))})
+    return ServeOptions(**given)
 
 
 def _system(args: argparse.Namespace) -> System:

@@ -24,6 +24,7 @@ from holoview.holograms.optimise.hologram_job import RunOptions
 from holoview.holograms.optimise.settings import Settings
 from holoview.light.model.fields import Nested, fields_by_key, flag_of
 from holoview.util import units
+from holoview.viewer.app.serve import ServeOptions
 
 DOCS = Path(holoview.__file__).resolve().parents[1] / "docs"
 TABLES = {
@@ -35,6 +36,7 @@ TABLES = {
     "fields.md": (ReadRequest, WindowRequest),
     "readers.md": (BinaryLayout,),
     "speckle-contrast.md": (CameraLens, CameraStatements),
+    "security.md": (ServeOptions,),
 }
 
 

@@ -83,7 +83,7 @@ def _press(browser: ClientConnection, key: str, modifiers: list[str]) -> None:
         (["--look"], "--look: without --serve"),
         (["--clients", "3"], "--clients: without --serve"),
         (["--host-name", "a.example"], "--host-name: without --serve"),
-        (["--serve", ":0", "--clients", "0"], "--clients: 0; expected from 1 to 1000"),
+        (["--serve", ":0", "--clients", "0"], "--clients: '0'; expected a whole number of at least 1, at most 1000"),
         (["--serve", ":0", "--idle", "-1"], "--idle: -1"),
         (["--serve", ":0", "--idle", "nan"], "--idle: 'nan'"),
         (["--serve", ":0", "--host-name", "http://a.example"], '--host-name: "http://a.example"'),

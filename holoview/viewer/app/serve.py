@@ -28,6 +28,18 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from holoview.light.model.fields import (
+    FileContent,
+    Integer,
+    Maybe,
+    Number,
+    Several,
+    Truth,
+    described_field,
+    flag_of,
+    validate,
+    with_field_docs,
+)
 from holoview.util.errors import UserError
 from holoview.util.packages import import_optional
 
@@ -183,9 +195,6 @@ async def _respond(send: Send, status: int, body: bytes, headers: list[Header] |
 # --- Where and to whom the viewer is served: address, names it answers to, clients, what they may do, and TLS ---
 
 
-CLIENTS = 8
-"""Clients at a time unless told."""
-_MOST_CLIENTS = 1000
 _LONGEST_IDLE_MIN = 7 * 24 * 60.0
 ANY_ADDRESS = ("0.0.0.0", "::")
 """Addresses that can be listened at, but not opened in a browser."""
@@ -234,35 +243,57 @@ class Address:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/?token={token}"
 
 
+class HostName:
+    """Type of a field: a name by which browsers reach the viewer."""
+
+    metavar, is_appended = "NAME", True
+
+    def parse(self, value: Any, where: str) -> str:
+        name = str(value)
+        if len(name) > _LONGEST_HOST or not all(map(_HOST_LABEL.fullmatch, name.lower().split("."))):
+            raise UserError(where, f'"{name}"', expected=self.format_range())
+        return name
+
+    def format_range(self) -> str:
+        """What is expected, for error messages."""
+        return "a name without scheme and port: viewer.example.org"
+
+
+@with_field_docs
 @dataclass(frozen=True)
 class ServeOptions:
     """To whom the viewer is served.
 
-    clients: the most connections of pages at a time. idle_min: minutes without input after which one is closed, 0 for
-    never. is_read_only: whether pages can't open, save or export files nor end the viewer. host_names: names beside
-    those of the address by which browsers reach it, as behind a reverse proxy. certificate, key: PEM files for TLS, or
-    none; the key may stand in the file of the certificate.
-
     Raises UserError for values out of range and for files that don't make a certificate with its key.
+
+    Fields:
     """
 
-    clients: int = CLIENTS
-    idle_min: float = 60.0
-    is_read_only: bool = False
-    host_names: tuple[str, ...] = ()
-    certificate: Path | None = None
-    key: Path | None = None
+    is_read_only: bool = described_field(
+        Truth(), "To look at: no files are opened, saved or exported.", flag="look", default=False
+    )
+    clients: int = described_field(Integer(1, 1000), "The most pages that are connected at a time.", default=8)
+    idle_min: float = described_field(
+        Number(low=0.0, high=_LONGEST_IDLE_MIN, words=f"minutes from 0 (never) to {_LONGEST_IDLE_MIN:g}"),
+        "Minutes after which a page without input is disconnected; 0: never.",
+        flag="idle",
+        default=60.0,
+    )
+    host_names: tuple[str, ...] = described_field(
+        Several(HostName()),
+        "A further name that it answers to, such as that of a reverse proxy; may be given several times.",
+        flag="host-name",
+        default=(),
+    )
+    certificate: Path | None = described_field(
+        Maybe(FileContent()), "Encrypts connections (TLS) with this certificate, in PEM.", default=None
+    )
+    key: Path | None = described_field(
+        Maybe(FileContent()), "Key of the certificate, if it isn't in the same file.", default=None
+    )
 
     def __post_init__(self) -> None:
-        if not 1 <= self.clients <= _MOST_CLIENTS:
-            raise UserError("--clients", f"{self.clients}", expected=f"from 1 to {_MOST_CLIENTS}")
-        if not 0 <= self.idle_min <= _LONGEST_IDLE_MIN:
-            raise UserError("--idle", f"{self.idle_min:g}", expected=f"minutes from 0 (never) to {_LONGEST_IDLE_MIN:g}")
-        for name in self.host_names:
-            if len(name) > _LONGEST_HOST or not all(map(_HOST_LABEL.fullmatch, name.lower().split("."))):
-                raise UserError(
-                    "--host-name", f'"{name}"', expected="a name without scheme and port: viewer.example.org"
-                )
+        validate(self, flag_of)
         _check_certificate(self.certificate, self.key)
 
     @property
