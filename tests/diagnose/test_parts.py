@@ -23,7 +23,7 @@ from holoview.bench.diagnose.fit import CandidateFit
 from holoview.bench.diagnose.judge import Verdict
 from holoview.bench.diagnose.parts import cut_parts, parts_of_context
 from holoview.bench.diagnose.pipeline import diagnose, prepare_search
-from holoview.bench.diagnose.search import InitialCandidates, refine_candidates
+from holoview.bench.diagnose.search import Beside, InitialCandidates, Policy, Until, refine_candidates
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.bench.diagnose.worker_pool import WorkerPool
 from holoview.light.model.effects.hook_contexts import CameraContext, ModulatorContext, Pose
@@ -113,7 +113,8 @@ def test_a_cause_that_grows_outwards_is_found_in_parts() -> None:
     """The fit that a middle finds leaves what only the corners show."""
     whole = _large()
     parts = without_light_from_beyond(whole, _parts(whole), {"gap": TRUTH["gap"]})
-    initial = InitialCandidates((CandidateFit(("gap",), {"gap": TRUTH["gap"]}, 0.0),), True, over_field_only=True)
+    fits = (CandidateFit(("gap",), {"gap": TRUTH["gap"]}, 0.0),)
+    initial = InitialCandidates(fits, Policy(Beside.OVER_FIELD, Until.EXPLAINED))
     effects = {name: parts.effects[name] for name in TRUTH}
     found = refine_candidates(replace(parts, field_budget=1e6, effects=effects), initial, lambda *_: None)
     assert {*found.best.causes} == {*TRUTH}

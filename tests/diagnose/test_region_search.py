@@ -32,7 +32,7 @@ from holoview.bench.diagnose.judge import Verdict, rank_on_held_out
 from holoview.bench.diagnose.pipeline import diagnose, prepare_search
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.bench.diagnose.screening import is_dear
-from holoview.bench.diagnose.search import InitialCandidates, refine_candidates
+from holoview.bench.diagnose.search import Beside, InitialCandidates, Policy, Until, refine_candidates
 from holoview.bench.diagnose.search_context import (
     NeighbourVariances,
     PerThreadPredictor,
@@ -147,8 +147,9 @@ def test_a_weak_fault_that_the_middle_hides_is_searched_in_whole_pictures(make_c
     context = replace(context, effects={name: context.effects[name] for name in names})
     assert [is_dear(context, effect) for effect in context.effects.values()] == [False, False, True]
     fit = local_fit([gap], {"gap": identity_values(gap)}, context.data_weighted_comparison(context.split.fine, 0.1))
-    for explains, causes in ((False, {"gap"}), (True, set(truth))):
-        found = refine_candidates(context, InitialCandidates((fit,), explains), lambda *_: None)
+    for beside, causes in ((Beside.NOTHING, {"gap"}), (Beside.AFFORDABLE, set(truth))):
+        initial = InitialCandidates((fit,), Policy(beside, Until.AT_FLOOR))
+        found = refine_candidates(context, initial, lambda *_: None)
         assert {*found.best.causes} == causes
 
 
@@ -163,7 +164,7 @@ def test_whole_pictures_that_are_explained_are_searched_only_if_the_search_is_th
     context = replace(context, effects={name: context.effects[name] for name in truth})
     gap = context.effects["gap"]
     fit = local_fit([gap], {"gap": identity_values(gap)}, context.data_weighted_comparison(context.split.fine, 0.1))
-    initial = InitialCandidates((fit,), are_searched=True, over_field_only=True)
+    initial = InitialCandidates((fit,), Policy(Beside.OVER_FIELD, Until.EXPLAINED))
     for budget, causes in ((1e6, {"gap"}), (math.inf, set(truth))):
         found = refine_candidates(replace(context, field_budget=budget), initial, lambda *_: None)
         assert {*found.best.causes} == causes

@@ -3,6 +3,7 @@
 The algorithm, in reading order:
 
 pipeline            runs a diagnosis: correct, search, refine, judge, report
+steps               which search follows which, in which pictures: tables, and the loop over them
 config              what callers set, and how predictions sample light
 
 correct             correct: wrong records put right; captures that don't fit their records

@@ -262,10 +262,18 @@ def within_limits(captures: Captures, sampling: SamplingConfig, config: RegionCo
     cut, side_px = captures, float(max(captures.levels.shape[2:]))
     if captures.is_fourier:
         side_px = max(n / px for n, px in zip(captures.shape, speckle_px(captures), strict=True))
-    while not _fits(cut, sampling, config):
+    while math.prod(cut.shape) > config.max_picture_pixels or grid_samples(cut, sampling) > config.max_grid_samples:
         side_px *= _STEP
         if side_px < config.side_px:
-            raise _too_large(cut, sampling, config)
+            rows, columns = cut.levels.shape[2:]
+            needed, most = (n * _COMPLEX64 / 1e9 for n in (grid_samples(cut, sampling), config.max_grid_samples))
+            raise UserError(
+                "captures",
+                f"a light field takes {needed:.2g} GB of memory, even with {columns} x {rows} pixels of each "
+                "modulator, of which light walks off to the camera's middle",
+                expected=f"at most {most:.2g} GB",
+                remedy="bin the camera's pixels, or take planes nearer to the modulators",
+            )
         cut = central_region(captures, math.floor(side_px))
     if cut is captures:
         return captures, []
@@ -287,20 +295,3 @@ def grid_samples(captures: Captures, sampling: SamplingConfig) -> int:
         seen_rows, seen_columns = captures.shape
         return max(columns * (rows + seen_rows), seen_rows * (columns + seen_columns))
     return sampling.padded_samples(captures)
-
-
-def _fits(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> bool:
-    is_small = math.prod(captures.shape) <= config.max_picture_pixels
-    return is_small and grid_samples(captures, sampling) <= config.max_grid_samples
-
-
-def _too_large(captures: Captures, sampling: SamplingConfig, config: RegionConfig) -> UserError:
-    rows, columns = captures.levels.shape[2:]
-    needed, most = (n * _COMPLEX64 / 1e9 for n in (grid_samples(captures, sampling), config.max_grid_samples))
-    return UserError(
-        "captures",
-        f"a light field takes {needed:.2g} GB of memory, even with {columns} x {rows} pixels of each modulator, of "
-        "which light walks off to the camera's middle",
-        expected=f"at most {most:.2g} GB",
-        remedy="bin the camera's pixels, or take planes nearer to the modulators",
-    )

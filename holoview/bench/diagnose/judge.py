@@ -232,6 +232,11 @@ class Verdict(StrEnum):
     AMBIGUOUS = "ambiguous"
     UNEXPLAINED = "unexplained"
 
+    @property
+    def is_open(self) -> bool:
+        """Whether causes are left to find."""
+        return self in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+
 
 @dataclass(frozen=True)
 class Decision:

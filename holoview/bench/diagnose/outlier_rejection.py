@@ -8,16 +8,16 @@ captures, it is repeated without them.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
-from holoview.bench.diagnose.correct.judged_captures import explain_suspects, find_suspects, judge_by_search, leave_out
+from holoview.bench.diagnose.correct.judged_captures import explain_suspects, judge_by_search, leave_out
 from holoview.bench.diagnose.detail_veto import veto_lost_detail, veto_uncorrelated, veto_without_effect
+from holoview.bench.diagnose.fit import FittedValues
 from holoview.bench.diagnose.judge import (
     Decision,
     SearchResult,
-    Verdict,
     check_noise,
     decide,
     limited_by_bad_captures,
@@ -39,6 +39,7 @@ class SearchOutcome:
     was_ended: whether its time, or the caller, ended it early. middle: of large pictures, in which causes were searched
     before whole pictures were looked at. fitted: in which the named causes were fitted; None: in `context`.
     better_sampling: with which the captures are explained better, where nobody stated whether camera pixels integrate.
+    put_right: causes that are no more than errors of what was estimated, and belong to the known effects.
     """
 
     context: SearchContext
@@ -50,17 +51,12 @@ class SearchOutcome:
     middle: SearchContext | None = None
     fitted: SearchContext | None = None
     better_sampling: SamplingConfig | None = None
+    put_right: FittedValues = field(default_factory=dict)
 
     @property
     def searched(self) -> SearchContext:
         """The context in which causes were searched; it serves for quantities that need no full size."""
         return self.middle or self.context
-
-
-def doubtful_captures(context: SearchContext, progress: ProgressCallback) -> Collection[int]:
-    """The captures that stand out far under the nominal bench, beside those that are useless whatever the model."""
-    progress(0, 1, "every capture")
-    return find_suspects(context, {}, context.left_out, is_final=False).indices
 
 
 def search_once(
@@ -71,8 +67,7 @@ def search_once(
 ) -> SearchOutcome:
     """One search without some captures, and the decision on it. The end of its time ends the search alone.
 
-    initial: the causes that the middle of these pictures suggests; then these are refined, and nothing else is
-    searched.
+    initial: the causes that an earlier search suggests; then the search goes on from these, by their policy.
     """
     context.best_so_far.clear()
     context = replace(context, field_budget=context.predictor.fields_requested + context.field_budget)
@@ -117,9 +112,9 @@ def judge_captures(
     count: int,
     progress: ProgressCallback,
 ) -> SearchOutcome:
-    """The outcome of a search that used no bad captures, and the reasons why captures are bad. context, found: of the
-    first search, and its result. search: repeats the search without some captures. useless: captures that are bad
-    whatever the model. count: number of all captures.
+    """The outcome of a search that used no bad captures, and the reasons why captures are bad; with the verdict and
+    notes that follow from their number. context, found: of the first search, and its result. search: repeats the search
+    without some captures. useless: captures that are bad whatever the model. count: number of all captures.
     """
     for searches_left in reversed(range(ROUNDS)):
         progress(0, 1, "every capture")
@@ -130,31 +125,26 @@ def judge_captures(
     explained = explain_suspects(found.context, suspects)
     left_out = tuple(sorted({*found.context.left_out, *suspects.indices}))
     found = replace(found, context=replace(found.context, left_out=left_out))
-    return _with_bad_captures(found, tuple(sorted([*useless, *explained], key=lambda bad: bad.index)), count)
-
-
-def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], count: int) -> SearchOutcome:
-    """The outcome with the bad captures out of `count`, and the verdict and notes that follow from their number."""
+    bad = tuple(sorted([*useless, *explained], key=lambda one: one.index))
     share, max_share = bad_share(bad, count), MAX_BAD_SHARE
-    notes = list(outcome.notes)
+    notes = list(found.notes)
     if bad:
         notes.append(f"The verdict speaks of {count - len(bad)} of {count} captures; the others are bad.")
     if share > max_share:
         notes.append(f"{share:.0%} of the captures are bad: the others can neither clear nor explain the bench.")
-    decision = limited_by_bad_captures(outcome.decision, share, max_share)
-    return replace(outcome, decision=decision, notes=notes, bad_captures=bad)
+    decision = limited_by_bad_captures(found.decision, share, max_share)
+    return replace(found, decision=decision, notes=notes, bad_captures=bad)
 
 
 def _end_notes(end: SearchEnd, decision: Decision, was_ended: bool, is_out_of_budget: bool) -> list[str]:
     """A note where a search was cut, or ended at its budget without a full explanation."""
     if was_ended and end.was_asked:
         return ["The search was interrupted; this is the best that it had found."]
-    is_open = decision.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
-    if was_ended or (is_out_of_budget and end.is_near and is_open):
+    if was_ended or (is_out_of_budget and end.is_near and decision.verdict.is_open):
         return [
             f"The search was cut by its time, {end.time_s:.0f} s, with causes left to try: a faster machine might say "
             "more. Give it more time (--time 10min), or all that it needs (--thorough)."
         ]
-    if is_out_of_budget and is_open:
+    if is_out_of_budget and decision.verdict.is_open:
         return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]
     return []

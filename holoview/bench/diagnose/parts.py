@@ -89,7 +89,10 @@ def cut_parts(data: PreparedCaptures, like: Captures, beam: Mapping[str, float] 
     cut = [cut_out(captures, shape, like.shape, offset) for offset in offsets]
     parts, windows = tuple(one for one, _ in cut), tuple(window for _, window in cut)
     light, usable = through_windows(windows, data.light), through_windows(windows, data.usable)
-    return Parts(parts, PreparedCaptures(_one_below_the_other(parts), light, usable), windows)
+    names = ("levels", "images") if parts[0].usable is None else ("levels", "images", "usable")
+    below: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts], axis=-2) for name in names}
+    together = dataclasses.replace(parts[0], **below, levels_before=None, levels_first=None)  # of no place
+    return Parts(parts, PreparedCaptures(together, light, usable), windows)
 
 
 def parts_of_context(
@@ -149,10 +152,3 @@ def _offsets(captures: Captures, like: Captures, beam: Mapping[str, float]) -> l
         places.append([centre - reach, centre, centre + reach])
     (top, middle, bottom), (left, centre, right) = places
     return [(middle, centre), *((y, x) for y in (top, bottom) for x in (left, right))]
-
-
-def _one_below_the_other(parts: Sequence[Captures]) -> Captures:
-    """Captures whose pictures and patterns have those of all parts; their place in the modulators means nothing."""
-    names = ("levels", "images") if parts[0].usable is None else ("levels", "images", "usable")
-    together: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts], axis=-2) for name in names}
-    return dataclasses.replace(parts[0], **together, levels_before=None, levels_first=None)

@@ -111,29 +111,51 @@ _RERANKED_EXCESS = 0.1  # [χ²/n]
 _EXPLAINED = (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 
 
+class Beside(Enum):
+    """The effects that a further search looks for beside the causes of an earlier one."""
+
+    NOTHING = auto()
+    OVER_FIELD = auto()  # that vary over the field
+    AFFORDABLE = auto()  # these, and effects whose search takes few fields
+
+
+class Until(Enum):
+    """How far a further search goes, unless it is thorough: until the verdict is `explained`, where every effect was
+    searched before; or until the fit is at the floor, but without effects whose search takes many fields once the
+    verdict is `explained`."""
+
+    EXPLAINED = auto()
+    AT_FLOOR = auto()
+
+
 class Refit(Enum):
-    """Whether the causes of a first search are fitted again to the pictures of a further one, unless it is thorough."""
+    """Whether the causes of an earlier search are fitted again to the pictures of a further one: all of their numbers
+    but the secondary ones, or all; where they don't explain these pictures, or never, unless the search is thorough.
+    """
 
     ALWAYS = auto()
+    OF_ALL_NUMBERS = auto()
     UNLESS_EXPLAINED = auto()
     NEVER = auto()
 
 
 @dataclass(frozen=True)
+class Policy:
+    """How a search goes on from the causes of an earlier one. more: causes that are searched beside these, where they
+    leave something, though they be many already."""
+
+    beside: Beside
+    until: Until
+    refit: Refit = Refit.ALWAYS
+    more: int = 0
+
+
+@dataclass(frozen=True)
 class InitialCandidates:
-    """The causes that a first search suggests for a further one. fits: the best first, then its rivals. are_searched:
-    whether effects are searched beside them. over_field_only: only those that vary over the field. refit: whether
-    values that were fitted to parts of these pictures are fitted to whole ones, and effects searched beside them.
-    has_fine: whether their secondary parameters are fitted too. beside: how many further causes are searched where
-    these leave something, though they be many already.
-    """
+    """The causes that an earlier search suggests for a further one, the best first, then its rivals."""
 
     fits: tuple[CandidateFit, ...]
-    are_searched: bool
-    over_field_only: bool = False
-    refit: Refit = Refit.ALWAYS
-    has_fine: bool = False
-    beside: int = 0
+    policy: Policy
 
 
 def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
@@ -163,51 +185,44 @@ def _ranked_again(settled: SearchContext, result: SearchResult) -> SearchResult:
 
 
 def refine_candidates(context: SearchContext, initial: InitialCandidates, progress: ProgressCallback) -> SearchResult:
-    """The causes that a first search suggests, fitted to the captures of another context.
-
-    If these don't explain them, effects are searched beside them that vary over the field, or whose search takes few
-    fields. Where every effect was searched in a middle without the light from beyond it, it is enough that the verdict
-    is `explained`; otherwise the fit has to be at the floor, but effects whose search takes many fields aren't tried
-    where it is.
-    """
+    """The causes that an earlier search suggests, fitted to the captures of another context, and others beside them, as
+    the policy says."""
     nothing = rank_on_held_out(context, [])
     if context.has_camera_jitter and _is_consistent(context, nothing):
         return nothing
-    further = _effects_beside(context, initial)
+    fits, policy, is_limited = initial.fits, initial.policy, math.isfinite(context.field_budget)
+    further = _effects_beside(context, policy.beside)
     progress(0, 1, "causes of the first search")
-    result = rank_on_held_out(context, initial.fits)
-    stands = initial.refit is Refit.NEVER or (
-        initial.refit is Refit.UNLESS_EXPLAINED and _is_explained(context, result)
-    )
-    if stands and math.isfinite(context.field_budget):
+    result = rank_on_held_out(context, fits)
+    stands = policy.refit is Refit.UNLESS_EXPLAINED and _is_explained(context, result)
+    if is_limited and (stands or policy.refit is Refit.NEVER):
         return result
-    if initial.fits:
-        fine = initial.has_fine
-        refined = context.run_parallel([partial(refine_fit, context, fit, include_fine=fine) for fit in initial.fits])
-        result = rank_on_held_out(context, [*refined, *initial.fits])
+    if fits:
+        fine = policy.refit is Refit.OF_ALL_NUMBERS
+        refined = context.run_parallel([partial(refine_fit, context, fit, include_fine=fine) for fit in fits])
+        result = rank_on_held_out(context, [*refined, *fits])
     elif further and result.nominal.excess > jitter_excess(result.pixel_count):
         result = _search_single_causes(context, further, progress)
-    most, is_limited = _MAX_CAUSES, math.isfinite(context.field_budget)
-    if is_limited and _is_explained(context, result):
+    most, is_explained = _MAX_CAUSES, _is_explained(context, result)
+    if is_limited and is_explained:
         further = [e for e in further if not is_dear(context, e)]
-    if is_limited and initial.over_field_only:
-        most = 0 if _is_explained(context, result) else _MAX_CAUSES_BEYOND_MIDDLE
-    if initial.beside and not _is_explained(context, result):
-        most = max(most, len(result.best.causes) + initial.beside)
+    if is_limited and policy.until is Until.EXPLAINED:
+        most = 0 if is_explained else _MAX_CAUSES_BEYOND_MIDDLE
+    if policy.more and not is_explained:
+        most = max(most, len(result.best.causes) + policy.more)
     result = _with_further_causes(context, result, further, progress, most)
-    has_simplest_names = initial.over_field_only and result.best.causes in [fit.causes for fit in initial.fits]
+    has_simplest_names = policy.until is Until.EXPLAINED and result.best.causes in [fit.causes for fit in fits]
     if has_simplest_names or result.better_sampling is not None:
         return result
     return prefer_fewer_numbers(context, result)
 
 
-def _effects_beside(context: SearchContext, initial: InitialCandidates) -> list[Effect]:
-    """The effects that are searched beside the causes of a first search."""
-    effects = _visible_effects(context) if initial.are_searched else []
-    may_be_cheap = initial.beside > 0 or not initial.over_field_only
+def _effects_beside(context: SearchContext, beside: Beside) -> list[Effect]:
+    """The effects that are searched beside the causes of an earlier search."""
+    effects = [] if beside is Beside.NOTHING else _visible_effects(context)
     if len(context.windows) > 1:  # stuck pixels are seen where pictures and patterns are in one piece
         effects = [e for e in effects if not is_stuck_effect(e)]
-    return [e for e in effects if e.varies_over_field or (may_be_cheap and not is_dear(context, e))]
+    return [e for e in effects if e.varies_over_field or (beside is Beside.AFFORDABLE and not is_dear(context, e))]
 
 
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
@@ -244,7 +259,7 @@ def _with_further_causes(
     """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures and other
     samples don't explain what is left."""
     for number in range(max(len(result.best.causes), 1) + 1, most + 1):
-        if _is_done(context, result):
+        if is_at_floor(result) or not result.candidates or context.budget_exhausted:
             break
         if better := samples_that_explain(context, result):
             return replace(result, better_sampling=better)
@@ -536,10 +551,6 @@ def _short_list(fits: list[CandidateFit]) -> list[CandidateFit]:
         return []
     close = [f for f in fits[_SHORT_LIST:] if f.cost < _CLOSE_COST * fits[0].cost]
     return fits[:_SHORT_LIST] + close[:_CLOSE_FITS]
-
-
-def _is_done(context: SearchContext, result: SearchResult) -> bool:
-    return is_at_floor(result) or not result.candidates or context.budget_exhausted
 
 
 def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:

@@ -185,9 +185,6 @@ class BestSoFar(Generic[R]):
         self.result = None
 
 
-# Everything that the stages of a diagnosis share: captures, nominal bench, effects, predictors, workers, settings.
-
-
 T = TypeVar("T")
 
 

@@ -71,32 +71,24 @@ ONE_PICTURE_NOTE = (
 
 
 def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
-    """The context of captures of which only one counts, with its picture split."""
+    """The context of captures of which only one counts, whose picture is given twice: with the pixels that are fitted,
+    and with those that are held out."""
     captures = context.data.captures.subset([capture])
     one = PreparedCaptures(captures, context.data.light[[capture]], context.data.usable[[capture]])
-    data = split_picture(one)
+    width_px = speckle_width_px(one)
+    held_out, fitted = held_out_blocks(captures.shape, width_px)
+    usable = np.concatenate([one.usable & fitted, one.usable & held_out])
+    data = PreparedCaptures(captures.subset([0, 0]), np.repeat(one.light, 2, axis=0), usable)
+    first, second = (np.array([k], dtype=np.intp) for k in (0, 1))
     return replace(
         context,
         data=data,
-        split=one_picture_split(),
+        split=CaptureSplit(first, first, first, second),
         predictor=PerThreadPredictor(partial(OnePicturePredictor, context.predictor.create, captures=captures)),
         variances=NeighbourVariances(data),
-        config=config_for_one_picture(context.config, speckle_width_px(one)),
+        config=config_for_one_picture(context.config, width_px),
         left_out=(),
     )
-
-
-def split_picture(data: PreparedCaptures) -> PreparedCaptures:
-    """The one picture twice: with the pixels that are fitted, and with those that are held out."""
-    held_out, fitted = held_out_blocks(data.captures.shape, speckle_width_px(data))
-    usable = np.concatenate([data.usable & fitted, data.usable & held_out])
-    return PreparedCaptures(data.captures.subset([0, 0]), np.repeat(data.light, 2, axis=0), usable)
-
-
-def one_picture_split() -> CaptureSplit:
-    """The split of the picture that is given twice: fitted once, held out once."""
-    fitted, held_out = (np.array([k], dtype=np.intp) for k in (0, 1))
-    return CaptureSplit(fitted, fitted, fitted, held_out)
 
 
 def held_out_blocks(shape: tuple[int, int], speckle_px: float) -> tuple[Flags, Flags]:

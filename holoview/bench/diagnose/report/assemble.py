@@ -50,7 +50,6 @@ _SHORT_MAPS = "The time was short for the places where what is left lives: with 
 _MAPS_SHARE = 0.3
 """[1] Of the time of a search, which the fits of free maps may take behind it. Evidence: a reason: it is told as a
 little longer."""
-_OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
 def assemble(
@@ -82,7 +81,7 @@ def assemble(
     after = fit_quality(comparison, best)
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
     roughness = pattern_roughness(captures)
-    is_open = decision.verdict in _OPEN and after.chi2_per_pixel > context.config.verdict.explained_chi2
+    is_open = decision.verdict.is_open and after.chi2_per_pixel > context.config.verdict.explained_chi2
     pixels = find_pixel_maps(outcome.searched, values) if free_maps and is_open else ()
     maps = _free_maps(outcome, progress, end.time_s) if free_maps and is_open else ()
     short = [_SHORT_MAPS] if any(fit.was_ended for fit in maps) else []
