@@ -133,6 +133,30 @@ def test_whole_pictures_judge_what_was_fitted_to_parts() -> None:
             assert abs(interval.value - truth) < 3 * interval.half_width
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("doing", "found_before"),
+    [
+        ("light from beyond the middle", set()),
+        ("stops that fit", {"gap"}),
+        ("light from beyond the parts, as predicted", {"gap"}),
+    ],
+)
+def test_a_search_that_ends_between_two_views_keeps_what_it_has(doing: str, found_before: set[str]) -> None:
+    """Somebody asks for the end while light from beyond the middle or parts is measured or predicted."""
+    said: list[str] = []
+    found = diagnose(
+        _session(),
+        EFFECTS,
+        free_maps=False,
+        config=CONFIG,
+        progress=lambda _, __, what: said.append(what),
+        is_asked_to_end=lambda: doing in said,
+    )
+    assert doing in said and any("was interrupted" in note for note in found.notes)
+    assert found_before <= {cause for candidate in found.candidates for cause in candidate.causes}
+
+
 def test_a_part_knows_where_it_is() -> None:
     """The pose of a part moves its points as that of the whole does; positions and first pixels count in the whole."""
     pose, centre = Pose((2e-6, -1e-6), 0.02, 1.01), (3e-3, -2e-3)

@@ -30,7 +30,7 @@ from holoview.bench.diagnose.nuisances import detect_nuisances
 from holoview.bench.diagnose.outlier_rejection import SearchOutcome, judge_captures, search_once
 from holoview.bench.diagnose.screening import LOCAL_MAX_ERROR
 from holoview.bench.diagnose.search import Beside, InitialCandidates, Policy, Refit, Until
-from holoview.bench.diagnose.search_context import NEVER, PerThreadPredictor, SearchContext, describe_work
+from holoview.bench.diagnose.search_context import NEVER, PerThreadPredictor, SearchContext, SearchEnded, describe_work
 from holoview.bench.diagnose.speckle_evidence import NEAR_CORRELATION, describe_light
 from holoview.bench.diagnose.speckle_search import FoundLight, with_or_without_unmodulated
 from holoview.util.progress import ProgressCallback, TextCallback
@@ -121,7 +121,7 @@ def find_causes_in_views(views: Views, progress: ProgressCallback, forecast: Tex
     if Where.MIDDLE in views.of:
         progress(0, 1, "light from beyond the middle")
         with views.whole.measuring_pace():
-            missing = measure_missing_light(views.whole, views.first)
+            missing = measure_missing_light(replace(views.whole, end=NEVER), views.first)
         is_cut = views.whole.data.captures.slm_frame is not None  # whole pictures too: known as in a smaller part
         lacking = {k: replace(v, missing_light=missing) for k, v in views.of.items() if is_cut or v is not views.whole}
         views = replace(views, of={**views.of, **lacking})
@@ -148,9 +148,9 @@ def find_causes_in_views(views: Views, progress: ProgressCallback, forecast: Tex
     first = in_middle = found
     *cut, last = steps
     if cut:
-        progress(0, 1, "light from beyond the middle, as predicted")
-        whole = with_fitting_stops(views.whole, views.weighted, first.decision.values)
-        views = replace(views, of={**views.of, Where.WHOLE: whole})
+        progress(0, 1, "stops that fit")
+        whole = with_fitting_stops(replace(views.whole, end=NEVER), views.weighted, first.decision.values)
+        views = replace(views, of={**views.of, Where.WHOLE: replace(whole, end=views.whole.end)})
     for step in cut:
         found = _searched_in_cut(views, step, first, found, progress)
         if step.where is Where.MIDDLE:
@@ -166,7 +166,8 @@ def _searched_in_cut(
     views: Views, step: Step, first: SearchOutcome, found: SearchOutcome, progress: ProgressCallback
 ) -> SearchOutcome:
     """The outcome of a step in the middle or in parts, without the light from beyond, which hides weak faults. It is
-    `found`, with whose causes the step begins, where these are too far from the truth to predict that light.
+    `found`, with whose causes the step begins, where these are too far from the truth to predict that light, or where
+    the search has to end meanwhile.
 
     first: the earliest search, whose causes predict the light for as long as the same are named. Further causes change
     it; in parts they are then fitted once more without that light.
@@ -178,12 +179,17 @@ def _searched_in_cut(
         if found.context.relative_model_error(values) > LOCAL_MAX_ERROR:
             break
         values = first.decision.values if {*first.decision.values} == causes else values
-        if step.where is Where.MIDDLE:
-            corrected = detect_nuisances(without_light_from_beyond(views.whole, found.context, values), values)
-            corrected = replace(corrected, field_budget=view.field_budget, end=view.end)
+        is_middle = step.where is Where.MIDDLE
+        progress(0, 1, f"light from beyond {step.where.value}, as predicted")
+        try:
+            corrected = without_light_from_beyond(views.whole, found.context if is_middle else view, values)
+        except SearchEnded:
+            views.whole.workers.close(kill=True)
+            break
+        if is_middle:
+            corrected = replace(detect_nuisances(corrected, values), field_budget=view.field_budget, end=view.end)
         else:
-            progress(0, 1, "light from beyond the parts")
-            corrected = _with_nuisances_of(found.context, without_light_from_beyond(views.whole, view, values))
+            corrected = _with_nuisances_of(found.context, corrected)
         found = search_once(corrected, found.context.left_out, progress, _start(found, step.policy))
         if {*found.decision.values} == causes or found.was_ended:
             break
@@ -218,7 +224,7 @@ def judge_light(
     if Where.PARTS in views.of:
         progress(0, 1, "light from beyond the parts")
         view = views.of[Where.PARTS]
-        view = replace(view, missing_light=measure_missing_light(whole, view))
+        view = replace(view, missing_light=measure_missing_light(replace(whole, end=NEVER), view))
     policy = _LIGHT_OF_ONE if views.is_one else _LIGHT
     if light.after <= NEAR_CORRELATION:
         policy = replace(policy, beside=Beside.NOTHING)
