@@ -372,10 +372,10 @@ def _search(records: CheckedRecords, request: _Request, share: float, light: Fou
             outcome = judge_light(views, light, request.known, request.uncertain, progress)
         better, put_right = None if outcome.was_ended else outcome.better_sampling, outcome.put_right
         if better is None and not put_right:
-            outcome, end, is_one = replace(outcome, notes=[*assumed, *outcome.notes]), views.whole.end, views.is_one
-            wants_maps = request.free_maps and not end.was_asked
-            diagnosis = assemble(outcome, views.notes, wants_maps, progress, end, of_one_picture=is_one)
-            if is_one:  # which was split into two
+            outcome, end = replace(outcome, notes=[*assumed, *outcome.notes]), views.whole.end
+            maps = request.free_maps and not end.was_asked
+            diagnosis = assemble(outcome, views.notes, maps, progress, end, of_one_picture=views.is_one)
+            if views.is_one:  # which was split into two
                 samples = tuple(replace(sample, capture=min(views.only)) for sample in diagnosis.samples)
                 diagnosis = replace(diagnosis, samples=samples)
             return with_wrong_records(diagnosis, records)

@@ -120,29 +120,27 @@ class Beside(Enum):
 
 
 class Until(Enum):
-    """How far a further search goes, unless it is thorough: until the verdict is `explained`, where every effect was
-    searched before; or until the fit is at the floor, but without effects whose search takes many fields once the
-    verdict is `explained`."""
+    """How much a further search has to find, unless it is thorough."""
 
-    EXPLAINED = auto()
-    AT_FLOOR = auto()
+    EXPLAINED = auto()  # causes that explain the captures, where every effect was searched before
+    AT_FLOOR = auto()  # a fit at the floor; once it explains the captures, effects of many fields aren't tried
 
 
 class Refit(Enum):
-    """Whether the causes of an earlier search are fitted again to the pictures of a further one: all of their numbers
-    but the secondary ones, or all; where they don't explain these pictures, or never, unless the search is thorough.
-    """
+    """Whether the causes of an earlier search are fitted again, to the pictures of a further one."""
 
     ALWAYS = auto()
-    OF_ALL_NUMBERS = auto()
-    UNLESS_EXPLAINED = auto()
-    NEVER = auto()
+    OF_ALL_NUMBERS = auto()  # always, with their secondary parameters
+    UNLESS_EXPLAINED = auto()  # where they don't explain these pictures, or the search is thorough
+    NEVER = auto()  # unless the search is thorough
 
 
 @dataclass(frozen=True)
 class Policy:
-    """How a search goes on from the causes of an earlier one. more: causes that are searched beside these, where they
-    leave something, though they be many already."""
+    """How a search goes on from the causes of an earlier one. beside: the effects that it looks for. until: how much it
+    has to find. refit: whether it fits those causes again. more: how many causes are added where these leave something,
+    though they be many already.
+    """
 
     beside: Beside
     until: Until
