@@ -52,9 +52,10 @@ _NO_SIZE_SHARE = 0.1
 """[1] Of the excess χ²/n, by how much more is left at most without a cause whose numbers may all be nominal: of what
 causes leave, or of the nominal bench's where they explain it. Evidence: a reason: the other causes aren't always fitted
 again, and take a part of that; near the floor, another program's samples of the same bench differ by hundredths."""
-_NO_SIZE_SHARE_REFITTED = 0.25
-"""[1] The same where the others were fitted again. Evidence: a reason: that the interval, in which the others follow
-too, holds the nominal value says the same already, with errors as large as what the model lacks."""
+_NO_SIZE_SHARE_REFITTED, _NO_SIZE_SHARE_OF_LEFT = 0.25, 1.0
+"""[1] The same where the others were fitted again: of the nominal bench's excess, and of what causes leave. Evidence: a
+reason: that the interval, in which the others follow too, holds the nominal value says the same already, with errors as
+large as what the model lacks; what takes less than is left may be a part of it."""
 _UNCORRELATED = 0.3
 """[1] Correlation of local contrasts below which speckle stands nowhere. Evidence: a real bench: 0.14 with a blur that
 wasn't there, 0.77 with the true light."""
@@ -137,7 +138,8 @@ def veto_no_size(
         if is_missed and fitted is not None and fitted.end.seconds_left > 0:
             again = refine_fit(fitted, best.fit.without(name))
             fewer = score_on_held_out(again, result.comparison, result.tolerant_comparison)
-            needed = _needed(context, result, of_excess, _NO_SIZE_SHARE_REFITTED)
+            share = _NO_SIZE_SHARE_REFITTED if explains else _NO_SIZE_SHARE_OF_LEFT
+            needed = _needed(context, result, of_excess, share)
         if _lost(fewer, best, result) < needed and fewer.excess <= most:
             notes.append(f"{name} is not named: each of its numbers may be the nominal one, within its interval.")
             best = fewer

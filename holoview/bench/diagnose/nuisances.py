@@ -37,7 +37,7 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison, Values, mean_is_significant
-from holoview.bench.diagnose.sampling_choice import finer_samples, other_samplings
+from holoview.bench.diagnose.sampling_choice import MOST_BY_SAMPLES, finer_samples, other_samplings
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.numerics.sampling import AREA
 
@@ -217,6 +217,8 @@ def _explaining_near(context: SearchContext, candidate: HeldOutScore) -> Samplin
     most = comparison.chi2_per_pixel(candidate.fit.values) - needed_gain
     fewer = [candidate.fit.without(name) for name in candidate.causes] if len(candidate.causes) > 1 else []
     for values in (fit.values for fit in (candidate.fit, *fewer)):
+        if context.relative_model_error(values, comparison.indices) > MOST_BY_SAMPLES:
+            continue
         left, pixels = comparison.chi2_per_pixel(values), comparison.pixel_count
         chosen = finer_samples(context.data.captures, left, pixels, partial(measured, values))
         if chosen is not None and chosen.chi2 <= most:

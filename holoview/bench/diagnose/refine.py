@@ -92,7 +92,13 @@ ranges bring nothing so close."""
 SETTLED_SHARE = 0.05
 """[1] The best excess must also be below this share of the nominal excess; a further cause that leaves less than this
 share of its base's excess ends a screening."""
+_FINE_CANDIDATES = 3
+"""[candidates] Whose secondary parameters are freed at most. Evidence: a drawn Fourier bench: a wavefront with coma was
+second by its first three numbers, behind a map of strokes."""
 _MAX_FINE_EXCESS_SHARE = 0.9  # [1] Fine parameters stay free if they leave less than this share of the excess.
+_MAX_FAR_FINE_EXCESS_SHARE = 0.5
+"""[1] The same far from the floor. Evidence: a reason: there many numbers lower the excess whatever is wrong; what
+takes half of it does more than a further cause usually does."""
 
 
 def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool = False) -> CandidateFit:
@@ -173,24 +179,30 @@ class RefinementQueue:
 
 
 def free_fine_parameters(context: SearchContext, result: SearchResult, *, also_costly: bool = True) -> SearchResult:
-    """The result with the best candidate's secondary parameters freed, if it is near the floor but not at it, and if
-    they lower the excess. also_costly: free them as well in a candidate that is costly, or has large fields, and is
-    somewhat further from the floor.
+    """The result with secondary parameters freed of the best candidate, and of others that come about as close, if it
+    isn't at the floor and if these parameters lower the excess: by much, where a candidate isn't near the floor.
+    also_costly: free them as well in candidates that are costly, or have large fields, and aren't very near the floor.
     """
-    best = result.best
-    effects = [context.effects[name] for name in best.causes]
-    has_fine = any(p.secondary for e in effects for p in e.parameters)
-    if explains_everything(result) or not has_fine or not _is_near(context, best.fit):
+    limit = RIVAL_FACTOR * result.best.excess
+    leaders = [
+        c
+        for c in result.candidates[:_FINE_CANDIDATES]
+        if c.excess <= limit
+        and any(p.secondary for name in c.causes for p in context.effects[name].parameters)
+        and (also_costly or _is_affordable(context, c))
+    ]
+    if explains_everything(result) or not leaders:
         return result
-    if not (also_costly or _is_affordable(context, best)):
-        return result
-    freed = refine_fit(context, best.fit, include_fine=True)
-    score = score_on_held_out(freed, result.comparison, result.tolerant_comparison)
-    gained = (best.chi2_per_pixel - score.chi2_per_pixel) * result.pixel_count
-    max_excess = _MAX_FINE_EXCESS_SHARE * best.excess
-    if gained < context.config.verdict.min_delta_chi2 or score.excess > max_excess:
-        return result
-    return rank_on_held_out(context, [freed, *(c.fit for c in result.candidates[1:])])
+    freed = context.run_parallel([partial(refine_fit, context, c.fit, include_fine=True) for c in leaders])
+    better = dict[tuple[str, ...], CandidateFit]()
+    for fit, before in zip(freed, leaders, strict=True):
+        score = score_on_held_out(fit, result.comparison, result.tolerant_comparison)
+        gained = (before.chi2_per_pixel - score.chi2_per_pixel) * result.pixel_count
+        share = _MAX_FINE_EXCESS_SHARE if _is_near(context, before.fit) else _MAX_FAR_FINE_EXCESS_SHARE
+        if gained >= context.config.verdict.min_delta_chi2 and score.excess <= share * before.excess:
+            better[before.causes] = fit
+    fits = [better.get(c.causes, c.fit) for c in result.candidates]
+    return rank_on_held_out(context, fits) if better else result
 
 
 def refine_leaders_along_axes(
