@@ -15,7 +15,7 @@ from holoview.bench.captures.virtual_measurement import AcquisitionSettings, mak
 from holoview.bench.diagnose.fit import CandidateFit
 from holoview.bench.diagnose.judge import Decision, Verdict, rank_on_held_out
 from holoview.bench.diagnose.nuisances import drop_sampling_artefacts, samples_that_explain
-from holoview.bench.diagnose.sampling_choice import ChosenSampling
+from holoview.bench.diagnose.sampling_choice import ChosenSampling, finer_samples
 from holoview.light.numerics.sampling import AREA
 from tests.diagnose.conftest import make_context_of, small_system
 
@@ -45,6 +45,19 @@ def test_a_cause_that_takes_no_more_than_chosen_samples_may_leave_is_not_named(m
 def test_finer_samples_may_leave_a_fifteenth_of_what_they_took_and_kinds_of_pixels_nothing() -> None:
     assert ChosenSampling(SamplingConfig(2, 3, AREA), 1.04, 1.79).may_leave == pytest.approx(0.05)
     assert ChosenSampling(SamplingConfig(points=AREA), 1.04, 1.79).may_leave == 0
+
+
+@pytest.mark.parametrize(("of_cause", "is_taken"), [(0.0, True), (1.0, True), (3.0, True), (8.0, False), (1e3, False)])
+def test_finer_samples_are_taken_where_they_explain_most_of_what_is_left(of_cause: float, is_taken: bool) -> None:
+    """A cause's excess χ²/n beside that of the samples, 10, of which a step twice as fine leaves a sixteenth."""
+    captures = make_captures(small_system(1), {}, AcquisitionSettings(captures_per_condition=1))
+
+    def measured(sampling: SamplingConfig) -> float:
+        return 1.0 + of_cause + 10.0 / sampling.padding**4
+
+    chosen = finer_samples(captures, 1.0 + of_cause + 10.0, 1e4, measured)
+    assert (chosen is not None) == is_taken
+    assert chosen is None or (chosen.sampling.points == AREA and chosen.chi2 < 1.0 + of_cause + 1.0)
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from holoview.bench.captures import Captures, read_captures
 from holoview.bench.captures.predictor import SamplingConfig
@@ -17,7 +18,12 @@ from holoview.bench.diagnose.config import SearchConfig
 from holoview.bench.diagnose.judge import Verdict
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
-from holoview.bench.diagnose.single_capture import config_for_one_picture, held_out_blocks, speckle_width_px
+from holoview.bench.diagnose.single_capture import (
+    config_for_one_picture,
+    held_out_blocks,
+    speckle_width_px,
+    split_picture,
+)
 from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.independent import Faults, Laboratory, write_session
@@ -115,3 +121,21 @@ def test_the_same_picture_three_times_is_one_picture() -> None:
     assert [(bad.index, bad.why) for bad in found.bad_captures] == [(1, "duplicate"), (2, "duplicate")]
     assert any("rests on one picture" in note for note in found.notes)
     assert "The verdict speaks of 1 of 3 captures; the others are bad." in found.notes
+
+
+@pytest.mark.parametrize("at", [(0.5, 0.5), (0.15, 0.15), (0.15, 0.5), (0.5, 0.15), (0.85, 0.85)])
+def test_blocks_of_one_picture_share_its_light_wherever_that_is(at: tuple[float, float]) -> None:
+    """Coarse speckle in a tenth of the picture, anywhere: fitted and held-out pixels both have a third of the light
+    that is fair for their number, or more."""
+    picture, shape, rng = _picture(), (160, 200), np.random.default_rng(3)
+    y, x = np.indices(shape) / np.array(shape)[:, None, None]
+    near = np.exp(-((y - at[0]) ** 2 + (x - at[1]) ** 2) / (2 * 0.1**2))
+    field = gaussian_filter(rng.standard_normal(shape), 4) + 1j * gaussian_filter(rng.standard_normal(shape), 4)
+    light = np.abs(field) ** 2 * near
+    images = (64 + 2000 * light / light.max()).astype(np.uint16)[None]
+    data = prepare_captures(Captures(**{**vars(picture), "images": images}))
+    usual, parts = held_out_blocks(shape, speckle_width_px(data)), split_picture(data).usable[::-1]
+    assert not (parts[0] & parts[1]).any()
+    shares = [min(light[part].sum() / light.sum() / part.mean() for part in pair) for pair in (usual, parts)]
+    assert shares[1] > 0.3
+    assert np.array_equal(usual, parts) == (shares[1] == shares[0])
