@@ -20,9 +20,9 @@ from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.report.diagnosis import Diagnosis
 from holoview.bench.diagnose.single_capture import (
     config_for_one_picture,
+    fair_blocks,
     held_out_blocks,
     speckle_width_px,
-    split_picture,
 )
 from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
@@ -134,7 +134,8 @@ def test_blocks_of_one_picture_share_its_light_wherever_that_is(at: tuple[float,
     light = np.abs(field) ** 2 * near
     images = (64 + 2000 * light / light.max()).astype(np.uint16)[None]
     data = prepare_captures(Captures(**{**vars(picture), "images": images}))
-    usual, parts = held_out_blocks(shape, speckle_width_px(data)), split_picture(data).usable[::-1]
+    width_px = speckle_width_px(data)
+    usual, parts = held_out_blocks(shape, width_px), fair_blocks(data, width_px)
     assert not (parts[0] & parts[1]).any()
     shares = [min(light[part].sum() / light.sum() / part.mean() for part in pair) for pair in (usual, parts)]
     assert shares[1] > 0.3

@@ -98,8 +98,8 @@ def with_one_picture(context: SearchContext, capture: int) -> SearchContext:
 
 
 def fair_blocks(data: PreparedCaptures, speckle_px: float) -> tuple[Flags, Flags]:
-    """The pixels (y, x) of one picture that are held out, and those that are fitted: the usual blocks, or those of which
-    both parts have more of the light's evidence, Σ(I/σ)²."""
+    """The pixels (y, x) of one picture that are held out, and those that are fitted: the usual blocks, or those with
+    which both parts have more of the light's evidence, Σ(I/σ)²."""
     light = np.maximum(data.light[0], 0.0).astype(np.float64)
     evidence = np.where(data.usable[0], light**2 / data.camera.noise_variance(light), 0.0)
     total = max(float(evidence.sum()), 1e-30)

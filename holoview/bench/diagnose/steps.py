@@ -242,7 +242,7 @@ def judge_light(
     if not found.was_ended and found.better_sampling is None:
         if put_right := errors_of_estimates(found.result, uncertain, known):
             return replace(found, put_right=put_right)
-        if best.excess < DECIDING_SHARE * nominal.excess:
+        if found.decision.verdict.is_open and best.excess < DECIDING_SHARE * nominal.excess:
             search = search_from(best.fit.values, with_or_without_unmodulated(best.fit.values))
             found = search(whole.left_out)
     if found.better_sampling is not None:
