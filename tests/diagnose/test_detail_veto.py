@@ -12,6 +12,7 @@ from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose.detail_veto import (
     detail,
+    fit_what_stays,
     veto_lost_detail,
     veto_no_size,
     veto_uncorrelated,
@@ -19,7 +20,14 @@ from holoview.bench.diagnose.detail_veto import (
 )
 from holoview.bench.diagnose.fit import CandidateFit
 from holoview.bench.diagnose.intervals import Interval
-from holoview.bench.diagnose.judge import Decision, SearchResult, Verdict, chance_excess, rank_on_held_out
+from holoview.bench.diagnose.judge import (
+    Decision,
+    SearchResult,
+    Verdict,
+    chance_excess,
+    rank_on_held_out,
+    score_on_held_out,
+)
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.model.effects.effect import ListParameter
 from holoview.light.model.effects.registry import listed_effects
@@ -136,6 +144,21 @@ def test_the_others_are_fitted_again_without_a_cause_that_may_be_nominal() -> No
     decided, notes = veto_no_size(context, result, decision, intervals, context)[1:]
     assert decided.best is not None and decided.best.causes == ("tilt",) and len(notes) == 1
     assert decided.values["tilt"]["tilt_y"] == pytest.approx(1e-3, rel=0.01)
+
+
+def test_causes_that_stay_are_fitted_again_once_a_veto_has_dropped_another() -> None:
+    """On a Fourier bench a tilt θ moves the picture by f·θ: a tenth of it was taken for a shift, which is dropped."""
+    true = {"tilt": {"tilt_y": 1e-3, "tilt_x": -2e-3}}
+    context = make_context_of(_measured(true))
+    parted = {"tilt": {"tilt_y": 0.9e-3, "tilt_x": -2e-3}, "camera_alignment": {"shift_y": 0.1 * 0.1e-3}}
+    result, decision = _partly(context, parted)
+    assert decision.best is not None
+    fewer = score_on_held_out(decision.best.fit.without("camera_alignment"), result.comparison, result.comparison)
+    fitted, decided = fit_what_stays(context, result, dataclasses.replace(decision, best=fewer))
+    assert decided.verdict is Verdict.EXPLAINED and decided.best is fitted.best
+    assert {*fitted.best.causes} == {"tilt"} and all("camera_alignment" not in one.causes for one in fitted.candidates)
+    assert decided.values["tilt"]["tilt_y"] == pytest.approx(1e-3, rel=0.01)
+    assert fit_what_stays(context, fitted, decided) == (fitted, decided)  # fitted as well as it can be
 
 
 @pytest.mark.parametrize("is_at_noise", [True, False])

@@ -29,7 +29,9 @@ from holoview.bench.diagnose.judge import (
     SearchResult,
     Verdict,
     chance_excess,
+    decide,
     explained_excess,
+    rank_on_held_out,
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Values
@@ -104,6 +106,20 @@ def veto_without_effect(context: SearchContext, result: SearchResult, decision: 
             notes.append(f"{name} is not named: without it the held-out pixels are predicted as well.")
             best = fewer
     return (replace(decision, best=best), notes) if notes else (decision, notes)
+
+
+def fit_what_stays(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[SearchResult, Decision]:
+    """The result and the decision once the causes that no veto dropped are fitted again, with their secondary numbers,
+    if they then predict held-out pictures better; candidates with dropped causes no longer count."""
+    best = decision.best
+    if best is None:
+        return result, decision
+    fitted = refine_fit(context, best.fit, include_fine=True)
+    if score_on_held_out(fitted, result.comparison, result.tolerant_comparison).chi2_per_pixel >= best.chi2_per_pixel:
+        return result, decision
+    dropped = {*result.best.causes} - {*best.causes}
+    result = rank_on_held_out(context, [fitted, *(c.fit for c in result.candidates if not dropped & {*c.causes})])
+    return result, decide(result, context.equivalents, context.config.verdict)
 
 
 def veto_no_size(

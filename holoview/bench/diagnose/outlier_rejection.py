@@ -13,7 +13,12 @@ from dataclasses import dataclass, field, replace
 from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.diagnose.correct.bad_captures import MAX_BAD_SHARE, BadCapture, bad_share
 from holoview.bench.diagnose.correct.judged_captures import explain_suspects, judge_by_search, leave_out
-from holoview.bench.diagnose.detail_veto import veto_lost_detail, veto_uncorrelated, veto_without_effect
+from holoview.bench.diagnose.detail_veto import (
+    fit_what_stays,
+    veto_lost_detail,
+    veto_uncorrelated,
+    veto_without_effect,
+)
 from holoview.bench.diagnose.fit import FittedValues
 from holoview.bench.diagnose.judge import (
     Decision,
@@ -94,9 +99,12 @@ def search_once(
     if initial is None and better is None:
         decision, sampling_notes, better = drop_sampling_artefacts(context, result, decision)
         notes = [*notes, *sampling_notes]
+    before_vetoes = decision.best
     for veto in (veto_lost_detail, veto_uncorrelated, veto_without_effect):
         decision, veto_notes = veto(context, result, decision)
         notes = [*notes, *veto_notes]
+    if decision.best is not None and decision.best is not before_vetoes and not was_ended:
+        result, decision = fit_what_stays(context, result, decision)
     if context.missing_light is None:  # which counts as noise as well, and may be overstated
         decision, noise_notes = limited_by_noise(decision, check_noise(result.comparison, decision.values))
         notes = [*noise_notes, *notes]
