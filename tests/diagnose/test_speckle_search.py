@@ -13,6 +13,7 @@ from benchmarks.real_benches import draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.picture_import import KnownBench, PictureAndPattern, import_pictures
+from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.diagnose import speckle_search
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
@@ -85,6 +86,20 @@ def test_light_beside_the_middle_is_found_with_its_wavefront_where_a_retrieval_f
     assert 32 / light.values["beam"]["size"] == pytest.approx(15.0, rel=0.3)
     places = [light.values["beam"][f"centre_{axis}"] * 32 for axis in "yx"]
     assert places == pytest.approx([8.0, -13.0], abs=5.0)  # a third of the radius
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("radius", [25.0, 40.0])
+def test_places_all_over_the_modulator_do_not_crowd_out_its_middle(
+    radius: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a beam in the middle the search ends no lower than from beams in the middle alone."""
+    pictures = speckle_search.Pictures(prepare_captures(_captures(FarField(radius=radius), 3)))
+    found, beams = speckle_search._from_simple_beams(pictures, {}), speckle_search._start_beams
+    middle = [beam for beam in beams(pictures, speckle_search._START_SIZES) if not any(beam.centre)]
+    monkeypatch.setattr(speckle_search, "_start_beams", lambda part, sizes: middle)
+    alone = speckle_search._from_simple_beams(pictures, {})
+    assert alone.score > 0.3 and found.score >= alone.score
 
 
 @pytest.mark.explores

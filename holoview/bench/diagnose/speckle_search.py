@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -683,11 +683,20 @@ def _from_retrieved(part: Pictures, shape: Mapping[str, float], progress: Callab
 
 
 def _from_simple_beams(part: Pictures, shape: Mapping[str, float]) -> _Leader:
-    """The best ascent from beams in the middle with at most one term of a wavefront, of several sizes and strokes: it
-    finds light of some radians behind patterns whose far field is drawn in thin lines, where a retrieval sees lines
-    rather than speckle."""
+    """The best ascent from beams with at most one term of a wavefront, of several sizes and strokes: it finds light of
+    some radians behind patterns whose far field is drawn in thin lines, where a retrieval sees lines rather than
+    speckle. Beams in the middle and those all over the modulator are followed apart: of many places some score high by
+    chance, and would crowd out the right one."""
+    if shape:
+        return _from_simple_ones(part, shape, [NearestBeam(1.0, 2.0, (0.0, 0.0), {}, 1.0)])
+    beams = _start_beams(part, _START_SIZES)
+    apart = [beam for beam in beams if not any(beam.centre)], [beam for beam in beams if any(beam.centre)]
+    return max((_from_simple_ones(part, shape, some) for some in apart if some), key=lambda one: one.score)
+
+
+def _from_simple_ones(part: Pictures, shape: Mapping[str, float], beams: Sequence[NearestBeam]) -> _Leader:
+    """The best ascent from some beams."""
     search = SpeckleSearch(part, shape=shape)
-    beams = _start_beams(part, _START_SIZES) if not shape else [NearestBeam(1.0, 2.0, (0.0, 0.0), {}, 1.0)]
     starts = [search.moved_to_peak(search.near(beam, stroke)) for beam in beams for stroke in _START_STROKES]
     best_start = max(starts, key=lambda found: found[0])[1]
     for noll in (4, 5, 6, 7, 8, 11):
