@@ -199,7 +199,7 @@ print(json.dumps(run.data["results"]))
         (["--report", "DIR", "--json"], "--json: with --report"),
         (["--report", "DIR", "--strategy", "passes"], "--strategy: with --report"),
         (["--report", "DIR", "--size", "64x48,big"], '--size: "big"'),
-        (["--report", "DIR", "--lasers", "1,0"], '--lasers: "0"'),
+        (["--report", "DIR", "--lasers", "1,0"], "--lasers: 0; expected a whole number from 1"),
         (["--lasers", "3"], "--lasers: without --report"),
         (["--size", "64x48,128x96"], "--size"),
     ],

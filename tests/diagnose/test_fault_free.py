@@ -17,7 +17,7 @@ from PIL import Image
 from benchmarks import real_benches
 from benchmarks.fault_free import ARRANGEMENTS, BLURS_PX, SMALLEST, draw, solve
 from holoview.bench.captures import Captures, read_captures
-from holoview.bench.captures.picture_import import PictureAndPattern, import_pictures
+from holoview.bench.captures.picture_import import KnownBench, PictureAndPattern, import_pictures
 from holoview.bench.captures.records.light import measure_light
 from holoview.bench.captures.validation import check_captures
 from holoview.bench.captures.virtual_measurement import make_captures
@@ -72,11 +72,11 @@ def test_nor_is_the_area_of_camera_pixels_a_fault(kind: str, noise: int, tmp_pat
         lengths = {name: parse_length(option[f"--{name}"], name) for name in ("wavelength", "pitch", "camera-pitch")}
         names = ("none-picture-3", "none-picture-3-mask")
         picture, pattern = (np.asarray(Image.open(tmp_path / f"{name}.png")) for name in names)
-        captures = import_pictures(
-            [PictureAndPattern(picture, pattern)],
-            **{f"{name.replace('-', '_')}_m": length for name, length in lengths.items()},
-            focal_length_m=parse_length(option["--focal-length"], "focal length"),
-        ).captures
+        focal_length_m = parse_length(option["--focal-length"], "focal length")
+        known = KnownBench(
+            **{f"{name.replace('-', '_')}_m": length for name, length in lengths.items()}, focal_length_m=focal_length_m
+        )
+        captures = import_pictures([PictureAndPattern(picture, pattern)], known).captures
     else:
         captures = read_captures(tmp_path / f"none-{kind}-3.h5")
     assert captures.camera.integrates is None
