@@ -73,7 +73,7 @@ class _ContrastRatio(Study):
 
     def describe_size(self, scale: StudyScale) -> str:
         """Even pictures, a checkerboard and its own scenes in place of targets."""
-        return replace(scale, targets=("",), seeds=max(scale.seeds, _SEEDS)).description
+        return replace(scale, targets=scale.targets[:1], seeds=max(scale.seeds, _SEEDS)).description
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         shared = {**scale.job_settings, "eyebox": scale.eyebox or _EYEBOX, "set": {"observer": "mono"}}
