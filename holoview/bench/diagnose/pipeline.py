@@ -42,6 +42,7 @@ from holoview.bench.diagnose.sampling_choice import (
     is_noise_assumed,
     with_noise_of_residuals,
 )
+from holoview.bench.diagnose.search import MAX_FURTHER_EXCESS_SHARE
 from holoview.bench.diagnose.search_context import (
     BestSoFar,
     NeighbourVariances,
@@ -230,9 +231,18 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
     usual, notes = _search_causes(captures, records, request.within(clock, _USUAL_SHARE if window else 1.0))
     if window is not None and usual.verdict.is_open and not request.is_asked:
         by_light = _search_light(records, window, request.within(clock), clock, said.append)
-    if by_light is not None and by_light.causes and by_light.after.chi2_per_pixel < usual.after.chi2_per_pixel:
-        return told(by_light)
-    return told(usual, notes)
+    if by_light is None or not by_light.causes:
+        return told(usual, notes)
+    is_by_light = _is_clearly_better(by_light, usual) if window else not _is_clearly_better(usual, by_light)
+    return told(by_light) if is_by_light else told(usual, notes)
+
+
+def _is_clearly_better(later: Diagnosis, earlier: Diagnosis) -> bool:
+    """Whether the later of two searches explains what the earlier leaves open, or leaves clearly less: one that leaves
+    about as much has nothing to add."""
+    left, before = (max(one.after.chi2_per_pixel - 1.0, 0.0) for one in (later, earlier))
+    explains = earlier.verdict.is_open and not later.verdict.is_open
+    return explains or left < MAX_FURTHER_EXCESS_SHARE * before
 
 
 def _lacks_much(diagnosis: Diagnosis) -> bool:
