@@ -158,7 +158,8 @@ def test_causes_that_stay_are_fitted_again_once_a_veto_has_dropped_another() -> 
     assert decided.verdict is Verdict.EXPLAINED and decided.best is fitted.best
     assert {*fitted.best.causes} == {"tilt"} and all("camera_alignment" not in one.causes for one in fitted.candidates)
     assert decided.values["tilt"]["tilt_y"] == pytest.approx(1e-3, rel=0.01)
-    assert fit_what_stays(context, fitted, decided) == (fitted, decided)  # fitted as well as it can be
+    again = fit_what_stays(context, fitted, decided)[1]
+    assert fitted.comparison.chi2_per_pixel(again.values) <= fitted.best.chi2_per_pixel  # a worse fit is never taken
 
 
 @pytest.mark.parametrize("is_at_noise", [True, False])
