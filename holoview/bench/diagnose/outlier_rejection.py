@@ -103,7 +103,7 @@ def search_once(
     for veto in (veto_lost_detail, veto_uncorrelated, veto_without_effect):
         decision, veto_notes = veto(context, result, decision)
         notes = [*notes, *veto_notes]
-    if decision.best is not None and decision.best is not before_vetoes and not was_ended:
+    if decision.best is not before_vetoes and not was_ended:
         result, decision = fit_what_stays(context, result, decision)
     if context.missing_light is None:  # which counts as noise as well, and may be overstated
         decision, noise_notes = limited_by_noise(decision, check_noise(result.comparison, decision.values))
