@@ -14,6 +14,7 @@ from benchmarks.real_benches import Drawn, draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.predictor import Predictor
+from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.speckle_retrieval import beam_of_brightness
 from holoview.bench.diagnose import speckle_evidence
 from holoview.bench.diagnose.config import RegionConfig, SearchConfig
@@ -26,6 +27,7 @@ from holoview.bench.diagnose.speckle_evidence import (
     near_beam,
     window_for_light,
 )
+from holoview.bench.diagnose.speckle_search import NOMINAL, Circle, Pictures, SpeckleSearch
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import ProgressCallback, no_progress
 from tests.explored import explored
@@ -219,19 +221,53 @@ def test_a_search_that_is_ended_keeps_the_light_that_it_has(tmp_path: Path) -> N
     captures = _captures(replace(drawn, bench=replace(drawn.bench, beam=beam, stroke_m=0.7e-6)), tmp_path)
     window = LightWindow(captures, near_beam(captures), True)
 
-    def end_at(most: int) -> ProgressCallback:
-        def progress(done: int, total: int, what: str) -> None:
-            if done >= most:
-                raise SearchEnded
-
-        return progress
-
-    light = light_by_speckle(window, end_at(12), untold)
+    light = light_by_speckle(window, _end_at(12), untold)
     assert light is not None and light.was_ended and not light.losses
     assert {"beam", "stroke", "undiffracted", "camera_black"} <= light.values.keys()
     assert "ended early" in describe_light(light)
     with pytest.raises(SearchEnded):
-        light_by_speckle(window, end_at(3), untold)
+        light_by_speckle(window, _end_at(3), untold)
+
+
+def _end_at(most: int) -> ProgressCallback:
+    """A progress that ends a search by speckle at its stage `most`."""
+
+    def progress(done: int, total: int, what: str) -> None:
+        if done >= most:
+            raise SearchEnded
+
+    return progress
+
+
+@pytest.mark.parametrize("kind", ["near", "near-two"])
+@pytest.mark.parametrize("dropped", [set(), {"shape"}])
+def test_the_light_of_effects_is_that_of_the_point_that_they_came_from(
+    kind: str, dropped: set[str], tmp_path: Path
+) -> None:
+    """Terms of a wavefront over one circle are the same terms over another one."""
+    pictures = Pictures(prepare_captures(_captures(_nominal(kind, 1), tmp_path)))
+    search = SpeckleSearch(pictures, Circle(0.5, 0.1, -0.2))
+    point = NOMINAL | {"stroke": 0.8, "share": 0.1, "quadrature": -0.05, "stray": 0.02, "z4": 0.3, "z8": -0.4}
+    point |= {"z5": 0.2, "z11": 0.1} | ({"second_y": 0.4, "second_x": -0.7} if kind == "near-two" else {})
+    point |= {} if dropped else {"log_size": 0.5, "edge": 3.0, "centre_y": 0.1, "centre_x": -0.1}
+    again = search.point_of(search.effect_values(point, dropped))
+    assert {name: again[name] for name in again if name not in ("z2", "z3")} == pytest.approx(
+        {name: point[name] for name in point if name not in ("z2", "z3")}, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("kind", ["near", "near-two"])
+def test_light_is_sought_from_causes_that_were_found_before(kind: str, tmp_path: Path) -> None:
+    """A beam and a stroke of which the wavefront is missing: the first ascent finds it, before retrieved light."""
+    drawn = _nominal(kind, 1)
+    beam, stroke_m = Beam(RADIUS_PX, 2.0, (2.0, -4.0)), drawn.bench.stroke_m * STROKE
+    spoilt = replace(drawn.bench, beam=beam, wave=WAVE, wave_radius_px=RADIUS_PX, stroke_m=stroke_m)
+    captures = _captures(replace(drawn, bench=spoilt), tmp_path)
+    place = {"centre_y": 2.0 / HALF_PX, "centre_x": -4.0 / HALF_PX}
+    earlier = {"beam": {"size": HALF_PX / RADIUS_PX, "edge": 1.0, **place}, "stroke": {"stroke_error": STROKE - 1}}
+    light = light_by_speckle(LightWindow(captures, near_beam(captures), False), _end_at(1), untold, earlier=earlier)
+    assert light is not None and light.was_ended
+    assert light.after > 0.95
 
 
 def test_a_cause_that_is_no_candidate_is_not_sought(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from holoview.bench.diagnose.correct.bad_captures import BadCapture, find_useles
 from holoview.bench.diagnose.correct.wrong_records import CheckedRecords, check_records
 from holoview.bench.diagnose.crop import middle_captures, middle_of_context, within_limits
 from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects, add_effect_values
+from holoview.bench.diagnose.fit import FittedValues
 from holoview.bench.diagnose.judge import SearchResult
 from holoview.bench.diagnose.likelihood import Values
 from holoview.bench.diagnose.parts import parts_of_context
@@ -221,7 +222,7 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
 
     by_light = None
     if window is not None and window.is_first:
-        by_light = _search_light(records, window, request.within(clock), clock, said.append)
+        by_light = _search_light(records, window, request.within(clock), clock, said.append, {})
         is_nearly_over = max(clock.seconds_left, 0.0) < _LEAST_LEFT * clock.time_s
         if by_light is not None and (
             captures.is_fourier or not _lacks_much(by_light) or request.is_asked or is_nearly_over
@@ -230,7 +231,7 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
         window = None
     usual, notes = _search_causes(captures, records, request.within(clock, _USUAL_SHARE if window else 1.0))
     if window is not None and usual.verdict.is_open and not request.is_asked:
-        by_light = _search_light(records, window, request.within(clock), clock, said.append)
+        by_light = _search_light(records, window, request.within(clock), clock, said.append, usual.values)
     if by_light is None or not by_light.causes:
         return told(usual, notes)
     is_by_light = _is_clearly_better(by_light, usual) if window else not _is_clearly_better(usual, by_light)
@@ -266,9 +267,17 @@ def _search_causes(captures: Captures, records: CheckedRecords, request: _Reques
 
 
 def _search_light(
-    records: CheckedRecords, window: LightWindow, request: _Request, clock: SearchEnd, tell: TextCallback
+    records: CheckedRecords,
+    window: LightWindow,
+    request: _Request,
+    clock: SearchEnd,
+    tell: TextCallback,
+    earlier: FittedValues,
 ) -> Diagnosis | None:
-    """The diagnosis in a window by the light that is found by speckle; None where none is, or the time ends before."""
+    """The diagnosis in a window by the light that is found by speckle; None where none is, or the time ends before.
+
+    earlier: values of the causes that a search by derivatives has named.
+    """
     end = SearchEnd(_SPECKLE_SHARE * request.time_s, request.is_asked_to_end)
 
     def progress(done: int, total: int, what: str) -> None:
@@ -276,7 +285,7 @@ def _search_light(
         end.check()
 
     try:
-        light = light_by_speckle(window, progress, tell, request.config.region)
+        light = light_by_speckle(window, progress, tell, request.config.region, earlier)
         if request.is_asked:
             raise SearchEnded
     except SearchEnded:
@@ -286,6 +295,7 @@ def _search_light(
         return None
     request = request.within(clock)
     request = replace(request, uncertain={**uncertainties(window.captures), **request.uncertain})
+    light = replace(light, earlier=earlier)
     return _search(replace(records, captures=window.captures), request, 1.0, light)
 
 

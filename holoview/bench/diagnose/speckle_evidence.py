@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,15 @@ from holoview.bench.captures.speckle_measure import window_of
 from holoview.bench.diagnose.config import RegionConfig
 from holoview.bench.diagnose.crop import middle_captures
 from holoview.bench.diagnose.parts import cut_parts
-from holoview.bench.diagnose.speckle_search import NOMINAL, FoundLight, NearBeam, Pictures, SpeckleSearch, find_light
+from holoview.bench.diagnose.speckle_search import (
+    NO_VALUES,
+    NOMINAL,
+    FoundLight,
+    NearBeam,
+    Pictures,
+    SpeckleSearch,
+    find_light,
+)
 from holoview.util.progress import ProgressCallback, TextCallback
 
 _MOST_PICTURES = 4
@@ -85,23 +93,28 @@ def near_beam(window: Captures) -> NearBeam | None:
 
 
 def light_by_speckle(
-    window: LightWindow, progress: ProgressCallback, tell: TextCallback, config: RegionConfig = _REGION
+    window: LightWindow,
+    progress: ProgressCallback,
+    tell: TextCallback,
+    config: RegionConfig = _REGION,
+    earlier: Mapping[str, Mapping[str, float]] = NO_VALUES,
 ) -> FoundLight | None:
     """The light that makes the speckle of a window stand; None where none does.
 
-    tell: is told why it wasn't sought. config: how large parts are.
+    tell: is told why it wasn't sought. config: how large parts are. earlier: values of causes that another search has
+    found, from which this one goes on.
     """
     captures, beam = window.captures, window.beam
     if beam is None:
         whole, part = (Pictures(prepare_captures(one)) for one in (captures, window_of(captures, _PART_PX)))
-        found = find_light(whole, part, progress)
+        found = find_light(whole, part, progress, earlier=earlier)
     else:
         is_small = captures.levels[0].size <= _MOST_NEAR_PX
         pictures = beam.pictures if is_small else _parts(beam, config)
         if pictures is None:
             tell("The light wasn't sought by speckle: the pictures show too little around their middle for five parts")
             return None
-        found = find_light(pictures, pictures, progress, beam)
+        found = find_light(pictures, pictures, progress, beam, earlier)
     gain = min(_GAIN, _MISSING_GAIN * (1 - found.before))
     gain = 0.0 if beam is not None and beam.explained > 0 else gain  # where brightness gains, speckle may stand before
     return found if found.after > max(found.before + gain, _LEAST) else None

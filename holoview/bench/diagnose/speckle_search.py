@@ -136,6 +136,7 @@ class Circle:
 
 _MIDDLE = Circle(0.5)
 NO_SHAPE: Mapping[str, float] = MappingProxyType({})
+NO_VALUES: Mapping[str, Mapping[str, float]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -253,7 +254,8 @@ class FoundLight:
     bench and with the values. losses: of each part of the light, by how much this correlation is lower without it, and
     by how many standard deviations; parts that aren't in `values` too. explained: what a near field's beam explains of
     the brightness that even light leaves; None of a Fourier bench, where speckle tells the beam. was_ended: whether the
-    search was ended before its parts were judged. is_of_parts: whether it was sought in parts of pictures.
+    search was ended before its parts were judged. is_of_parts: whether it was sought in parts of pictures. earlier:
+    values of the effects that an earlier search by derivatives has named.
     """
 
     values: dict[str, dict[str, float]]
@@ -263,6 +265,7 @@ class FoundLight:
     explained: float | None = None
     was_ended: bool = False
     is_of_parts: bool = False
+    earlier: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -456,6 +459,32 @@ class SpeckleSearch:
         to_m = 1 / self._per_metre(circle)
         return values | {"camera_alignment": {"shift_y": centred["z3"] * to_m, "shift_x": centred["z2"] * to_m}}
 
+    def point_of(self, values: Mapping[str, Mapping[str, float]]) -> Point:
+        """The point whose light these effects make, as far as a point can: the inverse of `effect_values`. It has no
+        tilts. The beam's wavefront and that over the modulator add up."""
+        captures, point = self._data.captures, dict(NOMINAL)
+        radians = 2 * math.pi / float(captures.wavelength_m[0])
+        flat, beam = values.get("slm_flatness", {}), values.get("beam", {})
+        waves = [(Circle(self._whole_circle()), {noll: flat.get(f"z{noll}_1", 0.0) for noll in WAVEFRONT_TERMS})]
+        if beam.get("size", 0.0) > 0:
+            point |= {name: beam[name] for name in ("edge", "centre_y", "centre_x")}
+            point["log_size"] = math.log(beam["size"])
+            circle = Circle(min(1 / beam["size"], self._whole_circle()), beam["centre_y"], beam["centre_x"])
+            waves.append((circle, {noll: beam.get(f"z{noll}", 0.0) for noll in WAVEFRONT_TERMS}))
+        for circle, terms in waves:
+            own = {f"z{noll}": term * radians for noll, term in terms.items()}
+            rebased = _rebased(dict.fromkeys(point, 0.0) | own, circle, self._circle)
+            point |= {f"z{noll}": point[f"z{noll}"] + rebased[f"z{noll}"] for noll in _TERMS}
+        point["stroke"] += values.get("stroke", {}).get("stroke_error", 0.0)
+        point |= {name: values.get("undiffracted", {}).get(name, 0.0) for name in ("share", "quadrature")}
+        black = min(values.get("camera_black", {}).get("black", 0.0), self._pictures.mean_light / 2)
+        point["stray"] = max(black, 0.0) / (self._pictures.mean_light - black)
+        if self._has_second:
+            place, pitch_m = values.get("slm_alignment", {}), captures.slms[1].pitch_m
+            point |= {f"second_{axis}": place.get(f"shift_{axis}", 0.0) / pitch_m for axis in "yx"}
+        point |= {name: min(max(point[name], low), high) for name, (low, high) in _BOUNDS.items()}
+        return point | dict(self.shape)
+
     def _whole_circle(self) -> float:
         """Radius of the circle around the modulator in half sides."""
         shape = self._pictures.whole_shape
@@ -467,6 +496,12 @@ class SpeckleSearch:
         captures = self._data.captures
         distance_m = captures.focal_length_m or float(captures.distance_m[0])
         return 2 * math.pi / float(captures.wavelength_m[0]) / distance_m * circle * self._pictures.half_m / 2
+
+
+def _circle_of(point: Point) -> Circle:
+    """The circle of a point's beam, over which terms of its wavefront tell most."""
+    radius = min(max(math.exp(-point["log_size"]), 0.15), 1.25)
+    return Circle(radius, point["centre_y"], point["centre_x"])
 
 
 def _cell_means(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
@@ -527,17 +562,20 @@ def find_light(
     part: Pictures,
     progress: ProgressCallback,
     beam: NearBeam | None = None,
+    earlier: Mapping[str, Mapping[str, float]] = NO_VALUES,
     seed: int = 0,
 ) -> FoundLight:
     """The light that makes the speckle of pictures stand, as values of effects. seed: of the random kicks.
 
     part: a smaller window of the pictures, in which the light is sought before it is refined and judged. beam: of near
-    fields, as brightness tells it. progress: may raise `SearchEnded`: then the best light so far counts, with all of
-    its parts; before there is one, the exception is passed on.
+    fields, as brightness tells it. earlier: values of causes that another search has found. progress: may raise
+    `SearchEnded`: then the best light so far counts, with all of its parts; before there is one, the exception is
+    passed on.
     """
     told, steps = "light on the modulator, by speckle", _STAGES + len(PARTS)
     before, shape = SpeckleSearch(pictures).held_out(None), NO_SHAPE if beam is None else beam.numbers(part)
-    found, was_ended = _sought(part, shape, lambda number: progress(number, steps, told), np.random.default_rng(seed))
+    ways = _ways(part, shape, earlier)
+    found, was_ended = _sought(ways, part, shape, lambda n: progress(n, steps, told), np.random.default_rng(seed))
     point, losses = found.point, dict[str, tuple[float, float]]()
     search = SpeckleSearch(pictures.scaled(found.lengths), found.circle, shape)
     if not was_ended:
@@ -574,14 +612,31 @@ class _Leader:
     lengths: Lengths
 
 
-def _sought(
-    part: Pictures, shape: Mapping[str, float], progress: Callable[[int], None], rng: np.random.Generator
-) -> tuple[_Leader, bool]:
-    """The best light of a window, and whether the search was ended: from retrieved light, of near fields from the place
-    of the second modulator too (first where brightness tells the beam), from simple beams, and after kicks."""
-    ways = [_from_retrieved] if part.captures.is_fourier else [_from_retrieved, _from_places]
+_Way = Callable[[Pictures, Mapping[str, float], Callable[[int], None]], _Leader]
+
+
+def _ways(
+    part: Pictures, shape: Mapping[str, float], earlier: Mapping[str, Mapping[str, float]]
+) -> tuple[_Way, *tuple[_Way, ...]]:
+    """The starts of a search, the most promising first: causes that were found before, retrieved light, and of near
+    fields the place of the second modulator (before retrieved light where brightness tells the beam)."""
+    ways: list[_Way] = [_from_retrieved] if part.captures.is_fourier else [_from_retrieved, _from_places]
     ways = ways[1:] if part.parts else ways  # splines over the whole modulator tell little of parts
-    first, *others = reversed(ways) if shape else ways
+    ways = ways[::-1] if shape else ways
+    first, *others = [partial(_from_earlier, earlier), *ways] if earlier else ways
+    return first, *others
+
+
+def _sought(
+    ways: tuple[_Way, *tuple[_Way, ...]],
+    part: Pictures,
+    shape: Mapping[str, float],
+    progress: Callable[[int], None],
+    rng: np.random.Generator,
+) -> tuple[_Leader, bool]:
+    """The best light of a window, and whether the search was ended: of several ways to start, from simple beams, and
+    after kicks."""
+    first, *others = ways
     best = first(part, shape, progress)
     try:
         for other in others:
@@ -621,6 +676,27 @@ def _polished(search: SpeckleSearch, point: Point) -> Point:
         if gained < 2 * _LEAST_STEP:
             break
     return point
+
+
+def _from_earlier(
+    earlier: Mapping[str, Mapping[str, float]],
+    part: Pictures,
+    shape: Mapping[str, float],
+    progress: Callable[[int], None],
+) -> _Leader:
+    """The best ascent from the light of causes that were found before, which lacks a wavefront for instance."""
+    progress(0)
+    captures = part.captures
+    changes = {name: earlier.get(name, {}) for name in ("distance", "gap", "camera_alignment")}
+    far = 1 + changes["distance"].get("distance_error", 0.0) / float(captures.distance_m[0])
+    far = 1 + changes["camera_alignment"].get("magnification", 0.0) if captures.is_fourier else far
+    gap = 1 + changes["gap"].get("gap_error", 0.0) / captures.gap_m if captures.gap_m else 1.0
+    lengths = Lengths(far, gap)
+    circle = _circle_of(SpeckleSearch(part, shape=shape).point_of(earlier))
+    search = SpeckleSearch(part.scaled(lengths), circle, shape)
+    point = search.point_of(earlier)
+    start = max(point, search.moved_to_peak(point)[1], key=search.score)
+    return _Leader(*search.ascend(start, 40), circle, lengths)
 
 
 def _from_places(part: Pictures, shape: Mapping[str, float], progress: Callable[[int], None]) -> _Leader:
@@ -705,7 +781,7 @@ def _from_simple_ones(part: Pictures, shape: Mapping[str, float], beams: Sequenc
     rough = sorted((search.ascend(point, 12) for _, point in starts), key=lambda found: -found[0])
     leaders = []
     for _, point in rough[:2]:
-        circle = Circle(min(max(math.exp(-point["log_size"]), 0.15), 1.25), point["centre_y"], point["centre_x"])
+        circle = _circle_of(point)
         finer = SpeckleSearch(part, circle, shape).ascend(_rebased(point, _MIDDLE, circle), 30)
         leaders.append(_Leader(*finer, circle, Lengths()))
     return max(leaders, key=lambda one: one.score)

@@ -217,6 +217,8 @@ def judge_light(
 ) -> SearchOutcome:
     """The causes that stand for the light that was found by speckle, judged by least squares: in whole pictures, or in
     parts of large ones and then in these. Not judged where they are to be searched with other samples or known effects.
+
+    Causes of an earlier search are judged beside that light, and together with what they lack of it.
     """
     whole = views.whole
     torch.set_num_threads(whole.workers.workers)  # one fit after another, here, of large fields
@@ -236,7 +238,10 @@ def judge_light(
     estimated: dict[str, dict[str, Any]] = {
         name: {} for name in uncertain if name in whole.effects and name not in known
     }
-    search = search_from({**estimated, **light.values})
+    starts = [{**estimated, **light.values}]
+    if light.earlier:
+        starts += [{**estimated, **light.earlier, **light.values}, {**estimated, **light.earlier}]
+    search = search_from(*starts)
     found = search(whole.left_out)
     best, nominal = found.result.best, found.result.nominal
     if not found.was_ended and found.better_sampling is None:
