@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from holoview.bench.captures import Captures
+from holoview.bench.captures.predictor import PLAIN, SamplingConfig
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose import screening
 from holoview.bench.diagnose.config import MIN_FIELDS, BudgetConfig, SearchConfig
@@ -75,11 +76,16 @@ def test_the_middle_of_larger_pictures_gets_more() -> None:
     assert budget.fields_for_middle(usual, 1000 * usual) == 5 * budget.max_fields
 
 
+def test_finer_samples_count(nominal: Captures) -> None:
+    """Twice as fine, in a grid of thrice the modulators' size in place of twice."""
+    assert field_samples(nominal, SamplingConfig(2, 3)) == (2 * 3 / 2) ** 2 * 4 * 32 * 40
+
+
 def test_a_field_of_a_fourier_bench_counts_by_the_points_of_its_transforms(nominal: Captures) -> None:
     """Pictures of 64 × 80 pixels, modulators of 32 × 40 with two samples a pixel each way."""
-    assert field_samples(nominal) == 4 * 32 * 40
+    assert field_samples(nominal, PLAIN) == 4 * 32 * 40
     far = dataclasses.replace(nominal, focal_length_m=0.1)
-    assert field_samples(far) == (40 * (32 + 64) + 64 * (40 + 80)) // 2
+    assert field_samples(far, PLAIN) == (40 * (32 + 64) + 64 * (40 + 80)) // 2
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.patterns import pattern_roughness
-from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.captures.predictor import PLAIN, SamplingConfig
 from holoview.bench.captures.prepared_captures import Images, prepare_captures
 from holoview.bench.captures.records.trials import central_region, central_slices, picture_window, speckle_px
 from holoview.bench.diagnose.capture_split import split_captures
@@ -79,9 +79,9 @@ def middle_of_context(context: SearchContext) -> SearchContext | None:
     window = picture_window(captures, shape) if captures.is_fourier else central_slices(captures.shape, shape)
     data, fields = prepare_captures(cut), math.inf
     if math.isfinite(context.field_budget):
-        samples = field_samples(captures)
-        share = context.field_budget / budget.fields_for(samples)
-        fields = share * budget.fields_for_middle(field_samples(cut), samples)
+        share = context.field_budget / budget.fields_for(field_samples(captures, context.sampling))
+        middle, usual = field_samples(cut, context.sampling), field_samples(captures, PLAIN)
+        fields = share * budget.fields_for_middle(middle, usual)
     options = {"captures": cut} if captures.is_fourier else compact_prediction(cut)
     return replace(
         context,

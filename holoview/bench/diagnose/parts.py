@@ -116,7 +116,7 @@ def parts_of_context(
         return None
     creators = [partial(whole.predictor.create, **compact_prediction(part)) for part in parts.captures]
     together = parts.data.captures
-    budget = whole.config.budget.fields_for(field_samples(together))
+    budget = whole.config.budget.fields_for(field_samples(together, whole.sampling))
     return dataclasses.replace(
         whole,
         data=parts.data,

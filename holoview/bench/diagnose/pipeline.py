@@ -308,7 +308,7 @@ def _prepare(
     captures, cut_notes = within_limits(captures, request.sampling, config.region)
     useless = find_useless_captures(captures, known)
     whole, notes = prepare_search(captures, useless, request.candidates, known, request.sampling, config, pool)
-    fields, so_far = config.budget.fields_for(field_samples(captures)), request.so_far
+    fields, so_far = config.budget.fields_for(field_samples(captures, request.sampling)), request.so_far
     best: BestSoFar[SearchResult] = BestSoFar(
         None if so_far is None else lambda result: so_far(describe_so_far(result))
     )

@@ -143,7 +143,8 @@ def _doubling_points(context: SearchContext, effect: Effect) -> list[dict[str, f
 
 def prediction_cost(context: SearchContext, values: Values) -> float:
     """Estimated cost of a prediction of one capture, in fields of usual size; a smaller field costs as much as one."""
-    return max(1.0, field_samples(context.data.captures) / USUAL_SAMPLES) * field_count(context, values)
+    samples = field_samples(context.data.captures, context.sampling)
+    return max(1.0, samples / USUAL_SAMPLES) * field_count(context, values)
 
 
 def search_cost(context: SearchContext, effect: Effect) -> float:
@@ -173,7 +174,7 @@ def is_dear(context: SearchContext, effect: Effect) -> bool:
 
 def usual_budget(context: SearchContext) -> float:
     """Fields of a search that isn't thorough, in pictures of this size."""
-    return context.config.budget.fields_for(field_samples(context.data.captures))
+    return context.config.budget.fields_for(field_samples(context.data.captures, context.sampling))
 
 
 def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:

@@ -426,16 +426,15 @@ def describe_work(contexts: Sequence[SearchContext]) -> str:
     return f"The search takes as long as it needs; 1000 fields take {about}."
 
 
-def field_samples(captures: Captures) -> int:
+def field_samples(captures: Captures, sampling: SamplingConfig) -> int:
     """Samples of a field on a modulator, in proportion to which a field takes time.
 
-    On a Fourier bench half of the points of the transforms along rows and columns, which take as long.
+    They count with the padding that isn't the usual one. On a Fourier bench half of the points of the transforms along
+    rows and columns, which take as long.
     """
-    if captures.chain is not None:
-        return math.prod(captures.chain.way.shape)
+    if captures.chain is not None or not captures.is_fourier:
+        return sampling.padded_samples(captures) // PLAIN.samples_factor
     rows, columns = captures.levels.shape[2:]
-    if not captures.is_fourier:
-        return rows * columns * captures.upsample**2
     seen_rows, seen_columns = captures.shape
     return (columns * (rows + seen_rows) + seen_rows * (columns + seen_columns)) // 2
 

@@ -264,7 +264,7 @@ def loop_context(
     useless = find_useless_captures(cut, known)
     context, _ = prepare_search(cut, useless, effects, known, PLAIN, config, WorkerPool(1))
     everything = context.kept
-    budget = _SEARCH_SHARE * config.budget.fields_for(field_samples(cut))
+    budget = _SEARCH_SHARE * config.budget.fields_for(field_samples(cut, PLAIN))
     split = CaptureSplit(context.split.coarse, everything, everything, everything)
     context.predictor.end = end
     return dataclasses.replace(context, split=split, field_budget=budget, end=end)
