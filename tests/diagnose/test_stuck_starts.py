@@ -65,6 +65,13 @@ def test_light_on_part_of_the_modulator_alone_makes_no_line_stand_out(seed: int)
     assert 30 / 1.6 < significance(gains)[0, 150] < 30 * 1.6
 
 
+def test_nothing_stands_out_among_a_few_that_get_light() -> None:
+    """A small beam lights three of 48 rows: they have no neighbours to be compared with."""
+    gains = np.zeros((2, 48))
+    gains[:, 20:23] = [[3.0, 9.0, 2.0], [4.0, 5.0, 4.0]]
+    assert not significance(gains).any()
+
+
 @pytest.mark.parametrize(
     ("name", "true"),
     [

@@ -139,13 +139,14 @@ class Refit(Enum):
 class Policy:
     """How a search goes on from the causes of an earlier one. beside: the effects that it looks for. until: how much it
     has to find. refit: whether it fits those causes again. more: how many causes are added where these leave something,
-    though they be many already.
+    though they be many already. share: of the excess, below which a further cause has to leave.
     """
 
     beside: Beside
     until: Until
     refit: Refit = Refit.ALWAYS
     more: int = 0
+    share: float = MAX_FURTHER_EXCESS_SHARE
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,7 @@ def refine_candidates(context: SearchContext, initial: InitialCandidates, progre
         most = 0 if is_explained else _MAX_CAUSES_BEYOND_MIDDLE
     if policy.more and not is_explained:
         most = max(most, len(result.best.causes) + policy.more)
-    result = _with_further_causes(context, result, further, progress, most)
+    result = _with_further_causes(context, result, further, progress, most, policy.share)
     has_simplest_names = policy.until is Until.EXPLAINED and result.best.causes in [fit.causes for fit in fits]
     if has_simplest_names or result.better_sampling is not None:
         return result
@@ -253,16 +254,17 @@ def _with_further_causes(
     effects: Sequence[Effect],
     progress: ProgressCallback,
     most: int = _MAX_CAUSES,
+    share: float = MAX_FURTHER_EXCESS_SHARE,
 ) -> SearchResult:
-    """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures and other
-    samples don't explain what is left."""
+    """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures, each to less
+    than a share of the excess, and other samples don't explain what is left."""
     for number in range(max(len(result.best.causes), 1) + 1, most + 1):
         if is_at_floor(result) or not result.candidates or context.budget_exhausted:
             break
         if better := samples_that_explain(context, result):
             return replace(result, better_sampling=better)
         wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
-        if not _is_better(context, wider, result):
+        if not _is_better(context, wider, result, share):
             break
         result = free_fine_parameters(context, wider)
     return result
@@ -578,10 +580,10 @@ def _has_shorter_name(context: SearchContext, score: HeldOutScore, result: Searc
     )
 
 
-def _is_better(context: SearchContext, new: SearchResult, old: SearchResult) -> bool:
+def _is_better(context: SearchContext, new: SearchResult, old: SearchResult, share: float) -> bool:
     before = score_on_held_out(old.best.fit, new.comparison, new.tolerant_comparison)
     gained = (before.chi2_per_pixel - new.best.chi2_per_pixel) * new.pixel_count
-    max_excess = MAX_FURTHER_EXCESS_SHARE * before.excess
+    max_excess = share * before.excess
     return gained > context.config.verdict.min_delta_chi2 and new.best.excess < max_excess
 
 

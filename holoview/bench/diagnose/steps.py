@@ -40,8 +40,10 @@ DECIDING_SHARE = 0.1
 light, and where no other search follows. Evidence: drawn benches: it was right where 7 % were left and less; what
 leaves a third lacks other things."""
 _BESIDE_LIGHT = 2
-"""[causes] Searched beside light found by speckle, at most, of two pictures and more. Evidence: drawn benches: a blur
-and dust; of one picture a vignetting, which stood for the missing envelope of another program's pixels."""
+"""[causes] Searched beside light found by speckle, at most. Evidence: drawn benches: a blur and dust."""
+_DECISIVE_SHARE = 0.3
+"""[1] Of the excess, below which such a cause has to leave. Evidence: drawn benches: stray light left 0.03; a crosstalk
+and a fringing, which stood for dust that no cause describes, 0.4 and 0.7."""
 _PART_ROUNDS = 2
 """[1] Searches in parts, of which the second follows if the first names other causes. Evidence: a reason: a third would
 change the light from beyond by the error of an error."""
@@ -105,9 +107,9 @@ _NEAR_FIELDS = (
 """Behind a search of all effects in the middle of several pictures, in which the light from beyond counts as noise."""
 _EXACT_MIDDLE = (Step(Where.WHOLE, Policy(Beside.AFFORDABLE, Until.AT_FLOOR)),)
 """Behind that search on a Fourier bench, where no light comes from beyond, and of one picture."""
-_LIGHT = Policy(Beside.AFFORDABLE, Until.EXPLAINED, Refit.OF_ALL_NUMBERS, _BESIDE_LIGHT)
-_LIGHT_OF_ONE = Policy(Beside.OVER_FIELD, Until.EXPLAINED, Refit.OF_ALL_NUMBERS)
-"""Of light that was found by speckle in several pictures, and in one."""
+_LIGHT_ALONE = Policy(Beside.NOTHING, Until.EXPLAINED, Refit.OF_ALL_NUMBERS)
+_LIGHT = Policy(Beside.AFFORDABLE, Until.EXPLAINED, Refit.OF_ALL_NUMBERS, _BESIDE_LIGHT, _DECISIVE_SHARE)
+"""Of light that was found by speckle: before errors of estimates are put right, and then."""
 _LIGHT_IN_WHOLE = Policy(Beside.NOTHING, Until.EXPLAINED, Refit.NEVER)
 """Of that light behind its fit to parts."""
 
@@ -227,11 +229,8 @@ def judge_light(
         progress(0, 1, "light from beyond the parts")
         view = views.of[Where.PARTS]
         view = replace(view, missing_light=measure_missing_light(replace(whole, end=NEVER), view))
-    policy = _LIGHT_OF_ONE if views.is_one else _LIGHT
-    if light.after <= NEAR_CORRELATION:
-        policy = replace(policy, beside=Beside.NOTHING)
 
-    def search_from(*starts: FittedValues) -> Callable[[Collection[int]], SearchOutcome]:
+    def search_from(starts: Sequence[FittedValues], policy: Policy) -> Callable[[Collection[int]], SearchOutcome]:
         fits = tuple(CandidateFit(tuple(values), values, math.inf) for values in starts)
         return partial(search_once, view, progress=progress, initial=InitialCandidates(fits, policy))
 
@@ -241,15 +240,18 @@ def judge_light(
     starts = [{**estimated, **light.values}]
     if light.earlier:
         starts += [{**estimated, **light.earlier, **light.values}, {**estimated, **light.earlier}]
-    search = search_from(*starts)
+    search = search_from(starts, _LIGHT_ALONE)
     found = search(whole.left_out)
     best, nominal = found.result.best, found.result.nominal
-    if not found.was_ended and found.better_sampling is None:
-        if put_right := errors_of_estimates(found.result, uncertain, known):
-            return replace(found, put_right=put_right)
-        if found.decision.verdict.is_open and best.excess < DECIDING_SHARE * nominal.excess:
-            search = search_from(best.fit.values, with_or_without_unmodulated(best.fit.values))
-            found = search(whole.left_out)
+    if not found.was_ended and (put_right := errors_of_estimates(found.result, uncertain, known)):
+        return replace(found, put_right=put_right)
+    starts = [best.fit.values]
+    if best.excess < DECIDING_SHARE * nominal.excess:
+        starts.append(with_or_without_unmodulated(best.fit.values))
+    policy = _LIGHT if light.after > NEAR_CORRELATION else _LIGHT_ALONE
+    if not found.was_ended and found.decision.verdict.is_open and (len(starts) > 1 or policy is _LIGHT):
+        search = search_from(starts, policy)
+        found = search(whole.left_out)
     if found.better_sampling is not None:
         return found
     if view is whole:

@@ -107,6 +107,9 @@ def squared_residuals(comparison: Comparison, values: FittedValues, position: in
 
 
 Floats = NDArray[np.float64]
+_LEAST_LIT = 8
+"""[1] Gains whose median and deviation tell something. Evidence: derivation: the deviation of so many is known within a
+third."""
 
 
 def replacement_gains(
@@ -154,14 +157,14 @@ def significance(gains: Floats) -> Floats:
     """How far each gain is above the median of its level (first axis), in robust standard deviations.
 
     Where most of a level gets no light, median and deviation are those of what does: more than a hundredth of the 99th
-    percentile of its gains.
+    percentile of its gains. None stands out among fewer than `_LEAST_LIT` of these.
     """
     flat = gains.reshape(len(gains), -1)
     middle, scale = _middle_and_deviation(flat)
     large = np.quantile(np.abs(flat), 0.99, axis=1)
     for level in np.flatnonzero(scale < 1e-3 * large):
         lit = flat[level, np.abs(flat[level]) > 1e-2 * large[level]]
-        middle[level], scale[level] = _middle_and_deviation(lit)
+        middle[level], scale[level] = _middle_and_deviation(lit) if len(lit) >= _LEAST_LIT else (0.0, np.inf)
     return np.asarray((flat - middle[:, None]) / np.maximum(scale, 1e-30)[:, None]).reshape(gains.shape)
 
 
