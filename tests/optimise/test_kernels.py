@@ -11,18 +11,22 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.holograms.hologram import Hologram
 from holoview.holograms.optimise import chain_kernels, chain_loop, solve, vector_kernels
 from holoview.holograms.optimise import kernel_choice as module
 from holoview.holograms.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.holograms.optimise.compiled_model import CompiledKernels
 from holoview.holograms.optimise.forward_model import ForwardModel
+from holoview.holograms.optimise.hologram_job import RunOptions, optimise_hologram
 from holoview.holograms.optimise.kernel_choice import Compiler, choose_kernels, load_kernels, will_compile
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import LOSS_SPACES, Settings
+from holoview.holograms.view import random_drive
 from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
+from holoview.util.errors import UserError
 
 pytest.importorskip("numba")
 
@@ -292,6 +296,23 @@ def test_what_was_compiled_beforehand_is_all_that_a_chain_needs(
     stack = np.full((2, *make_plan(chain).grid.shape, 3), 0.3, np.float32)
     list(solve.iterate(chain, stack, Settings(iterations=2, eyebox=0.1)))
     assert _machine_code() == compiled
+
+
+@pytest.mark.parametrize("is_chain", [False, True])
+def test_patterns_to_begin_with_that_do_not_fit_are_refused_before_anything_is_told_or_compiled(
+    is_chain: bool, cache_folder: Path, bench: Bench
+) -> None:
+    system, told = bench(), list[str]()
+    if is_chain:
+        system = System(system.wavelengths_m, system.amplitudes, **_CHAIN_KEYS)
+    larger = system.edit({"elements.phase.shape": (24, 16)}) if is_chain else system.with_(shape=(64, 64))
+    other = Hologram(random_drive(larger), larger)
+    stack, settings = np.full((len(system.planes_m), *make_plan(system).grid.shape, 3), 0.3, np.float32), Settings()
+    with pytest.raises(UserError, match="drive"):
+        optimise_hologram(system, stack, settings, RunOptions(initial_hologram=other), tell=told.append)
+    with pytest.raises(UserError, match="drive"):
+        next(iter(solve.iterate(system, stack, settings, other.drive)))
+    assert told == [] and list(cache_folder.iterdir()) == []
 
 
 def _machine_code() -> dict[str, int]:

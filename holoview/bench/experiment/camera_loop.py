@@ -61,7 +61,7 @@ from holoview.holograms.optimise.hologram_job import IntermediateFiles, RunOptio
 from holoview.holograms.optimise.lasers import changes_lasers
 from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.holograms.optimise.settings import CAMERA_STEP_RAD, Settings
-from holoview.holograms.optimise.variables import OptimisationVariables, initial_drive
+from holoview.holograms.optimise.variables import OptimisationVariables, first_drive
 from holoview.light.model import preset
 from holoview.light.model.drives import drive_fits
 from holoview.light.model.effects.registry import effects_of, get_effect
@@ -359,8 +359,7 @@ def _variables(
         raise UserError("--start", f"patterns of shape {found}", expected=expected)
     if system.is_chain:
         return ChainVariables(system, settings, start)  # type: ignore[arg-type]  # a mapping, as it fits
-    drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
-    return OptimisationVariables(system, settings, drive.to(device))
+    return OptimisationVariables(system, settings, first_drive(system, settings, start).to(device))
 
 
 def _tensors(drive: Drive, device: str) -> Shown:

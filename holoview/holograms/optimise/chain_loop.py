@@ -100,8 +100,8 @@ def iterate_chain(
     """
     drawn = drawn_pupils(system, settings, stack)
     places_m, target = (None, stack) if drawn is None else drawn(0)
-    problem, turn = _begin(system, target, settings, device, places_m, resume, done, beside)
     patterns, lasers = ChainPatterns(system, settings, start), FreeWavelengths(system.wavelengths_m, settings)
+    problem, turn = _begin(system, target, settings, device, places_m, resume, done, beside)
     amplitudes, best, started = np.array(system.amplitudes), (math.inf, -math.inf), time.perf_counter()
     pictured, make_best, begun = None, None, (system, settings, target_digest(*split_target(target)))
     if resume is not None:

@@ -29,7 +29,7 @@ from holoview.holograms.optimise.forward_model import AutogradModel, ForwardMode
 from holoview.holograms.optimise.lasers import Laser
 from holoview.holograms.optimise.problem import EvaluationRequest, Problem
 from holoview.holograms.optimise.settings import Settings
-from holoview.holograms.optimise.variables import initial_drive
+from holoview.holograms.optimise.variables import first_drive
 from holoview.light.engine.frame import light_along
 from holoview.light.engine.torch_executor import TorchField
 from holoview.light.model.chain import Modulate
@@ -39,7 +39,7 @@ from holoview.light.model.plan import Plan
 from holoview.light.model.system import System
 from holoview.light.numerics.resample import upsample_nearest
 from holoview.light.optics.chain import pixel_transmission, placed
-from holoview.light.optics.frame_inputs import FrameInputs, check_drive
+from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.light.optics.slm import nearest_level, phasor
 from holoview.util.errors import UserError
 
@@ -132,13 +132,12 @@ class DrivenModulator(DrivenElement):
     def __init__(
         self, system: System, stack: NDArray[np.floating], settings: Settings, start: Any, device: str, name: str
     ) -> None:
+        drive = first_drive(system, settings, start)
         problem = Problem(system, stack, settings, device)
         if isinstance(problem.model, AutogradModel):
             raise changed_light()
         super().__init__(problem, system, name)
         self._problem, self._index = problem, system.element_names.index(name) // 2
-        drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
-        check_drive(problem.model.plan, drive)
         self._drive = drive.to(problem.model.device)
         if start is None:
             others = [i for i in range(drive.shape[1]) if i != self._index]
@@ -189,10 +188,10 @@ class DrivenChainElement(DrivenElement):
         self, system: System, stack: NDArray[np.floating], settings: Settings, start: Any, device: str, name: str
     ) -> None:
         check_whole_picture(settings, stack)
+        self._others = _flat(system) if start is None else chain_drives(system, start)
         problem = ChainProblem(system, stack, settings, device)
         super().__init__(problem, system, name)
         self._problem, shapes = problem, system.drive_shapes
-        self._others = _flat(system) if start is None else dict(chain_drives(system, start))
         if start is None:
             noise = torch.rand(shapes[name], generator=torch.Generator().manual_seed(settings.seed))
             is_complex = isinstance(self.element, ComplexModulator)

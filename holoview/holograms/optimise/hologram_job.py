@@ -42,9 +42,8 @@ from holoview.light.model.fields import (
     validate,
     with_field_docs,
 )
-from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
-from holoview.light.optics.frame_inputs import check_drive
+from holoview.light.optics.frame_inputs import checked_drive
 from holoview.util.errors import UserError
 from holoview.util.processes import Interruption
 from holoview.util.progress import ProgressCallback, TextCallback, no_progress, no_text
@@ -186,10 +185,10 @@ def optimise_hologram(
     system's own sampling. Raises UserError if the checkpoint to resume has no iteration left.
     """
     options.check_method(settings)
-    start = None if options.initial_hologram is None else options.initial_hologram.drive
     simulated, resume, device = options.simulated(system), options.resume, options.device
-    if start is not None and not system.is_chain:
-        check_drive(make_plan(simulated), start)  # before anything is compiled
+    start = None
+    if options.initial_hologram is not None:  # checked before anything is told or compiled
+        start = checked_drive(simulated, options.initial_hologram.drive)
     tell_of_compiling(options.device, tell)
     progress(0 if resume is None else resume.progress.iteration, settings.iterations, "preparing the bench")
     if options.method == "adam":

@@ -39,9 +39,8 @@ from holoview.holograms.optimise.plane_turns import planes_in_turn
 from holoview.holograms.optimise.problem import EvaluationRequest, Floats, LossEvaluation, Problem
 from holoview.holograms.optimise.propagation import TORCH_KERNELS
 from holoview.holograms.optimise.settings import NEXT_ITERATIONS, Settings, next_settings
-from holoview.holograms.optimise.variables import OptimisationVariables, PatternVariables, initial_drive
+from holoview.holograms.optimise.variables import OptimisationVariables, PatternVariables, first_drive
 from holoview.light.model.system import System
-from holoview.light.optics.frame_inputs import check_drive
 from holoview.util.errors import UserError
 from holoview.util.progress import TextCallback, no_text
 
@@ -184,6 +183,7 @@ class Optimiser:
     ) -> None:
         """Arguments and errors as of `iterate`."""
         self.system, self.settings, self._tell = system, settings, beside or no_text
+        drive = first_drive(system, settings, start)
         self._drawn = drawn_pupils(system, settings, stack)
         places, first = (None, stack) if self._drawn is None else self._drawn(0)
         assert not callable(first)
@@ -194,8 +194,6 @@ class Optimiser:
         by_torch = compiles or (resume is not None and resume.progress.by_torch > resume.progress.iteration)
         kernels = TORCH_KERNELS if by_torch else None
         self.problem = Problem(system, first, settings, device, group, places_m=places, kernels=kernels)
-        drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
-        check_drive(self.problem.model.plan, drive)
         self.variables = OptimisationVariables(system, settings, drive.to(device))
         recorder = recorder_for(device) if record and "patterns" in settings.free else None
         self._graphed = None if recorder is None else GraphedStep(self.problem, self.variables.patterns, recorder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from holoview.holograms.optimise.problem import EvaluationRequest, LossEvaluatio
 from holoview.holograms.optimise.settings import Settings, find_loss_space
 from holoview.holograms.optimise.wavelengths import FreeWavelengths
 from holoview.light.model.system import System
+from holoview.light.optics.frame_inputs import checked_drive
 from holoview.light.optics.slm import nearest_level
 
 Tensor = torch.Tensor
@@ -114,6 +116,13 @@ class OptimisationVariables:
 
 
 # --- patterns --------------------------------------------------------------------------------------------------------
+
+
+def first_drive(system: System, settings: Settings, start: Any) -> Tensor:
+    """The drive with which an optimisation begins: `start`, or `initial_drive`. Raises UserError if it doesn't fit."""
+    if start is None:
+        return initial_drive(system, settings)
+    return torch.tensor(checked_drive(system, start), dtype=torch.float32)
 
 
 def initial_drive(system: System, settings: Settings) -> Tensor:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from holoview.light.model.drives import chain_drives
 from holoview.light.model.plan import Plan
+from holoview.light.model.system import System
 from holoview.util.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,12 +36,7 @@ class FrameInputs:
     """
 
     def __init__(self, plan: Plan, drive: Any) -> None:
-        self.plan = plan
-        if plan.way.is_chain:
-            self._drive: Any = chain_drives(plan.nominal, drive)
-            return
-        self._drive = drive if hasattr(drive, "detach") else np.asarray(drive)
-        check_drive(plan, self._drive)
+        self.plan, self._drive = plan, checked_drive(plan.nominal, drive)
 
     @property
     def drives(self) -> dict[str, Any]:
@@ -124,14 +120,18 @@ class FrameInputs:
         return drive_tensor(self._drive) if isinstance(self._drive, np.ndarray) else self._drive.double()
 
 
-def check_drive(plan: Plan, drive: Any) -> None:
-    """Raises UserError unless the drive, an array or a tensor, is real, has the system's shape and lies in 0…1.
+def checked_drive(system: System, drive: Any) -> Any:
+    """A drive as `FrameInputs` takes it: an array or a tensor, of a chain those of the elements by name."""
+    if system.is_chain:
+        return chain_drives(system, drive)
+    drive = drive if hasattr(drive, "detach") else np.asarray(drive)
+    check = _check_field if system.is_field else _check_fractions
+    check(drive, system.drive_shape)
+    return drive
 
-    The drive of a field has to be complex and finite, with the system's shape.
-    """
-    if plan.nominal.is_field:
-        _check_field(drive, plan.nominal.drive_shape)
-        return
+
+def _check_fractions(drive: Any, expected: tuple[int, ...]) -> None:
+    """Raises UserError unless a drive, an array or a tensor, is real, has the expected shape and lies in 0…1."""
     if isinstance(drive, np.ndarray):
         values, size = drive, drive.size
         if drive.dtype.kind not in "fiub":
@@ -140,9 +140,9 @@ def check_drive(plan: Plan, drive: Any) -> None:
         values, size = drive.detach(), drive.numel()
         if drive.is_complex():
             raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
-    shape, expected = tuple(drive.shape), plan.nominal.drive_shape
-    if shape != expected:
-        raise UserError("drive", f"an array of shape {shape}", expected=f"(frame, modulator, y, x) = {expected}")
+    if tuple(drive.shape) != expected:
+        found = f"an array of shape {tuple(drive.shape)}"
+        raise UserError("drive", found, expected=f"(frame, modulator, y, x) = {expected}")
     low, high = (float(values.min()), float(values.max())) if size else (0.0, 0.0)
     if not (low >= 0.0 and high <= 1.0):
         raise UserError(
