@@ -763,16 +763,16 @@ def _from_simple_beams(part: Pictures, shape: Mapping[str, float]) -> _Leader:
     some radians behind patterns whose far field is drawn in thin lines, where a retrieval sees lines rather than
     speckle. Beams in the middle and those all over the modulator are followed apart: of many places some score high by
     chance, and would crowd out the right one."""
+    search = SpeckleSearch(part, shape=shape)
     if shape:
-        return _from_simple_ones(part, shape, [NearestBeam(1.0, 2.0, (0.0, 0.0), {}, 1.0)])
+        return _from_simple_ones(part, search, [NearestBeam(1.0, 2.0, (0.0, 0.0), {}, 1.0)])
     beams = _start_beams(part, _START_SIZES)
     apart = [beam for beam in beams if not any(beam.centre)], [beam for beam in beams if any(beam.centre)]
-    return max((_from_simple_ones(part, shape, some) for some in apart if some), key=lambda one: one.score)
+    return max((_from_simple_ones(part, search, some) for some in apart if some), key=lambda one: one.score)
 
 
-def _from_simple_ones(part: Pictures, shape: Mapping[str, float], beams: Sequence[NearestBeam]) -> _Leader:
+def _from_simple_ones(part: Pictures, search: SpeckleSearch, beams: Sequence[NearestBeam]) -> _Leader:
     """The best ascent from some beams."""
-    search = SpeckleSearch(part, shape=shape)
     starts = [search.moved_to_peak(search.near(beam, stroke)) for beam in beams for stroke in _START_STROKES]
     best_start = max(starts, key=lambda found: found[0])[1]
     for noll in (4, 5, 6, 7, 8, 11):
@@ -782,7 +782,7 @@ def _from_simple_ones(part: Pictures, shape: Mapping[str, float], beams: Sequenc
     leaders = []
     for _, point in rough[:2]:
         circle = _circle_of(point)
-        finer = SpeckleSearch(part, circle, shape).ascend(_rebased(point, _MIDDLE, circle), 30)
+        finer = SpeckleSearch(part, circle, search.shape).ascend(_rebased(point, _MIDDLE, circle), 30)
         leaders.append(_Leader(*finer, circle, Lengths()))
     return max(leaders, key=lambda one: one.score)
 
