@@ -26,7 +26,6 @@ from holoview.commands.arguments import (
     add_system,
     default_output,
     given_fields,
-    number,
     parse_region,
     system_from_args,
     warn_of_camera_effects,
@@ -81,9 +80,8 @@ from holoview.holograms.optimise.solve import load_beside
 from holoview.holograms.targets.focal_stack import Film, is_video
 from holoview.holograms.targets.framing import FILL
 from holoview.holograms.targets.light_field import ViewGrid
-from holoview.holograms.targets.picture import COLOUR_SPACES
 from holoview.holograms.targets.target import Placement, target_for
-from holoview.holograms.targets.target_source import TargetFile, TargetSource
+from holoview.holograms.targets.target_source import TargetFile, TargetLight, TargetSource
 from holoview.light.model.chain_numbers import flattered_by
 from holoview.light.model.elements import ElementsField, Mask, PhaseModulator
 from holoview.light.model.fields import fields_by_key
@@ -102,7 +100,6 @@ if TYPE_CHECKING:
     from holoview.bench.experiment.camera_loop import CameraLoopState, ModelUpdates, RigJob, RigOutcome
 
 _DEFAULTS = Settings()
-_MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
 _VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
 
@@ -250,14 +247,7 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         help="viewpoints in the eyebox: of a folder without views.toml, e.g. 5x5:0.5mm; with a picture, render it from "
         "them, with occlusion, e.g. 9x9",
     )
-    group.add_argument("--brightness", type=number(), default=1.0, help="factor on the target's linear light (1)")
-    group.add_argument("--saturation", type=number(), default=1.0, help="factor on its chroma in CIE LCHuv (1)")
-    group.add_argument(
-        "--space",
-        choices=COLOUR_SPACES,
-        default="srgb",
-        help="of a float file, xyz: Y = 1 is white; of a file of 16 bits, srgb8 … srgb16: white is 2^bits - 1",
-    )
+    add_fields(group, TargetLight, *fields_by_key(TargetLight))
 
 
 def _add_objective(group: argparse._ArgumentGroup) -> None:
@@ -371,18 +361,9 @@ def _target_source(args: argparse.Namespace, system: System, reach_m: float = 0.
 
     Raises UserError for arguments that contradict each other and files that can't be read.
     """
-    if not _MIN_BRIGHTNESS <= args.brightness <= 1 / _MIN_BRIGHTNESS:
-        expected = f"a factor from {_MIN_BRIGHTNESS:g} to {1 / _MIN_BRIGHTNESS:g}"
-        raise UserError("--brightness", f"{args.brightness:g}", expected=expected)
     if args.depth is None and (args.near is not None or args.far is not None):
         raise UserError("--near/--far", "without --depth", expected="a depth map, or --at for one distance")
-    file = TargetFile(
-        args.target,
-        grid=_parse_view_grid(args.views, system),
-        brightness=args.brightness,
-        saturation=args.saturation,
-        space=args.space,
-    )
+    file = TargetFile(args.target, grid=_parse_view_grid(args.views, system), **given_fields(args, TargetLight))
     if args.framing != FILL and (is_field_file(Path(args.target)) or file.has_views or file.is_stack):
         raise UserError("--framing", "with views, a focal stack or a field", expected="a picture, or no framing")
     if is_field_file(Path(args.target)):
@@ -404,7 +385,11 @@ def _complex_target(args: argparse.Namespace, source: TargetSource, system: Syst
     if not isinstance(source.scene, FieldTarget):
         raise UserError(f"--loss {FIELD_LOSS}", f"with {args.target}", expected="a complex field as the target")
     target = ComplexTarget.of(source.scene, system)
-    return replace(target, stack=target.stack * np.float32(args.brightness))
+    return replace(target, stack=target.stack * np.float32(_light(args).brightness))
+
+
+def _light(args: argparse.Namespace) -> TargetLight:
+    return TargetLight(**given_fields(args, TargetLight))
 
 
 def _field_scene(args: argparse.Namespace) -> FieldTarget:
@@ -470,8 +455,9 @@ def _stacks_of(
     args: argparse.Namespace, system: System, film: Film, placement: Placement
 ) -> Iterator[NDArray[np.float32]]:
     """The focal stack of each picture, one after the other."""
+    light = _light(args)
     for picture in film.pictures():
-        yield target_for(system, picture, placement, args.brightness, saturation=args.saturation).stack
+        yield target_for(system, picture, placement, light.brightness, saturation=light.saturation).stack
 
 
 def _film_job(args: argparse.Namespace) -> tuple[FilmJob, Film, Placement]:
@@ -487,7 +473,7 @@ def _film_job(args: argparse.Namespace) -> tuple[FilmJob, Film, Placement]:
     check_folder(args.output)
     hold_outputs(args, [args.output])
     require_optimisation_memory(system)
-    film = Film(Path(args.target), args.space)
+    film = Film(Path(args.target), _light(args).space)
     job = FilmJob(
         system=system,
         settings=_settings(args, system, PupilPlaces(), FIRST_ITERATIONS),
@@ -520,7 +506,7 @@ def _run_learning(args: argparse.Namespace) -> int:
     if not Path(args.target).is_dir():
         raise UserError(args.target, "isn't a folder", expected=f"a folder of pictures, for {where}")
     placement = Placement(at_m=_parse_length(args, "at"), framing=args.framing)
-    film = Film(Path(args.target), args.space)
+    film = Film(Path(args.target), _light(args).space)
     stacks = list(_stacks_of(args, system, film, placement))
     settings, device = _settings(args, system, PupilPlaces()), resolve_torch_device(args.device)
     with deferred_interrupt() as interruption, progress_bar(f"learning {args.learn}") as progress:

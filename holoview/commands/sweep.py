@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from holoview.commands.arguments import add_changes, add_effects, number, parse_region, whole
+from holoview.commands.arguments import add_changes, add_effects, add_fields, given_fields, parse_region, whole
 from holoview.commands.console import print_json, print_stderr, progress_bar
 from holoview.commands.hologram_files import NAMES_HELP, add_field_options, shown_by_args
 from holoview.commands.output_files import add_input, add_output, hold_outputs
@@ -38,6 +38,7 @@ from holoview.evidence.sweep.results import (
 )
 from holoview.evidence.sweep.tolerance import Tolerance, ToleranceTable, centred_axes, find_limits, parse_tolerance
 from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.targets.target_source import TargetLight
 from holoview.util.errors import UserError
 from holoview.util.figures import png_figure, require_matplotlib
 from holoview.util.file_writer import write_file
@@ -58,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_place(parser)
     group = parser.add_argument_group("target and optimiser")
     add_target(group)
-    group.add_argument("--brightness", metavar="N", type=number(1e-6, 1e6), help="factor on its linear light (1)")
+    add_fields(group, TargetLight, "brightness")
     group.add_argument(
         "--optimise",
         metavar="N",
@@ -145,14 +146,14 @@ def _sweep(args: argparse.Namespace, axes: list[Axis], tolerances: list[Toleranc
     if args.cold and settings is None:
         raise UserError("--cold", "without --optimise", expected="both, or neither")
     check_needs_target(args)
-    target = None
+    target, brightness = None, TargetLight(**given_fields(args, TargetLight)).brightness
     if args.target is not None:
-        path, brightness = str(Path(args.target).absolute()), args.brightness or 1.0
+        path = str(Path(args.target).absolute())
         target = SweptTarget(path, _absolute(args.depth), brightness, args.framing)
     elif settings is not None or any(MEASURES[name].needs_target for name in names):
         picture = target_picture("still-life")
         print_stderr("note: without --target the still life that is part of holoview is the target")
-        target = SweptTarget(str(picture), str(picture.with_name("still-life-depth.png")), args.brightness or 1.0)
+        target = SweptTarget(str(picture), str(picture.with_name("still-life-depth.png")), brightness)
         if shown.drive is None and settings is None:
             print_stderr("note: random patterns are shown beside it; --optimise N finds patterns")
     elif args.brightness is not None:

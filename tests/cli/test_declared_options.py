@@ -24,7 +24,6 @@ from holoview.util.errors import UserError
 
 OTHERS = {
     "render": ("--exposure",),
-    "optimise": ("--saturation",),
     "export": ("--region", "--bits", "--levels"),
     "rig lut": ("--wavelength", "--levels"),
     "captures plan": ("--dark",),

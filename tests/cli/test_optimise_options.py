@@ -109,7 +109,7 @@ REFUSED: list[tuple[list[str], str]] = [
     (["--plane-weights", "1,2"], "plane weights: 2 of them; expected one for each of 5 planes"),
     (["--plane-weights", "0,0,0,0,0"], "one of them positive"),
     (["--eyebox", "-1"], "eyebox: -1.0; expected a weight of 0 or more"),
-    (["--saturation", "-2"], "saturation: -2; expected a factor of 0 or more"),
+    (["--saturation", "-2"], "--saturation: -2.0; expected a factor of 0 or more"),
     (["--scheme", "sequential"], 'scheme: "sequential"; expected simultaneous'),
     (["--device", "abacus"], 'device: "abacus" isn\'t available; expected one of'),
     (["--space", "xyz"], "picture.png: holds integers"),

@@ -101,10 +101,7 @@ class _TargetOfViewer(SweptTarget):
         spec = self.spec
         assert spec is not None
         if spec.is_stack:
-            file = TargetFile(
-                str(spec.source), brightness=spec.brightness, saturation=spec.saturation, space=spec.space
-            )
-            return TargetSource(system, file, tell)
+            return TargetSource(system, TargetFile(str(spec.source), **spec.light), tell)
         return TargetSource(system, TargetFile(spec.title), tell, scene=_TargetScene(spec))
 
     def identity(self) -> list[Any]:

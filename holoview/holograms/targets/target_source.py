@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,32 +22,55 @@ from holoview.holograms.targets.moving_pupil import (
     target_from_views,
     views_of_picture,
 )
-from holoview.holograms.targets.picture import Picture, check_saturation, read_picture, scale_saturation
+from holoview.holograms.targets.picture import COLOUR_SPACES, Picture, check_saturation, read_picture, scale_saturation
 from holoview.holograms.targets.target import Placement, target_for
 from holoview.light.model.eye import Eye
+from holoview.light.model.fields import Number, Word, described_field, fields_by_key
 from holoview.light.model.focus import focused_planes, required_eye
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.progress import TextCallback
 
 
+@dataclass(frozen=True, kw_only=True)
+class TargetLight:
+    """How the light of pictures becomes that of a target."""
+
+    brightness: float = described_field(
+        Number(low=1e-6, high=1e6, words="a factor from 1e-06 to 1e+06"),
+        "Factor on the target's linear light.",
+        default=1.0,
+    )
+    saturation: float = described_field(
+        Number(low=0.0, words="a factor of 0 or more: 0 is grey, 1 changes nothing"),
+        "Factor on the target's chroma in CIE LCHuv.",
+        default=1.0,
+    )
+    space: str = described_field(
+        Word(COLOUR_SPACES),
+        "Of a float file, xyz: Y = 1 is white; of a file of 16 bits, srgb8 … srgb16: white is 2^bits - 1.",
+        default="srgb",
+    )
+
+    @property
+    def light(self) -> dict[str, Any]:
+        """These three, by name."""
+        return {key: getattr(self, key) for key in fields_by_key(TargetLight)}
+
+
 @dataclass(frozen=True)
-class TargetFile:
+class TargetFile(TargetLight):
     """A file or folder that holds a target, and how it is read.
 
     placement: where a picture stands. grid: viewpoints of a folder of pictures without views.toml, or from which a
     picture is rendered, with occlusion. zero_m: where the views of a light field have no disparity; None for what the
-    folder says. brightness: factor on linear light. saturation: factor on the chroma in CIE LCHuv. space: the colour
-    space of float files.
+    folder says.
     """
 
     path: str
     placement: Placement = field(default_factory=Placement)
     grid: ViewGrid | None = None
     zero_m: float | None = None
-    brightness: float = 1.0
-    saturation: float = 1.0
-    space: str = "srgb"
 
     @property
     def has_views(self) -> bool:
@@ -75,17 +98,14 @@ class ComputedScene(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class TargetContent:
+class TargetContent(TargetLight):
     """A picture, views of a light field, the path of a focal stack, or a scene, from which targets are built.
 
-    placement: of a picture. brightness, saturation, space: as of `TargetFile`; views have their saturation already.
+    placement: of a picture. Views have their saturation already.
     """
 
     source: Picture | LightField | Path | ComputedScene
     placement: Placement = field(default_factory=Placement)
-    brightness: float = 1.0
-    saturation: float = 1.0
-    space: str = "srgb"
 
     def build(self, system: System, planes_m: NDArray[np.float64] | None = None) -> Target:
         """The target at the planes of a system; at others (m) if they are given, unless it is a focal stack.
@@ -95,9 +115,7 @@ class TargetContent:
         if isinstance(self.source, LightField):
             return target_from_views(system, self.source, self.brightness, planes=planes_m)
         if isinstance(self.source, Path):
-            return target_from_stack(
-                system, self.source, brightness=self.brightness, saturation=self.saturation, space=self.space
-            )
+            return target_from_stack(system, self.source, **self.light)
         if not isinstance(self.source, Picture):
             return self._of_scene(self.source, system, focused_planes(system) if planes_m is None else planes_m)
         return target_for(
@@ -149,7 +167,7 @@ class TargetSource:
         self._built: dict[Hashable, Target] = {}
         self.scene, self.is_stack = scene, scene is None and file.is_stack
         source = scene or self._read(reach_m)
-        self._content = TargetContent(source, file.placement, file.brightness, file.saturation, file.space)
+        self._content = TargetContent(source, file.placement, **file.light)
 
     def _read(self, reach_m: float) -> Picture | LightField | Path:
         system, file = self._system, self._file

@@ -63,7 +63,6 @@ FORMAT, VERSION = "holoview-session", 1
 SESSION_FILE = "session.json"
 _WHAT, _MOST_BYTES = "a saved session", 1 << 28  # of session.json: a history of a thousand steps has about a million
 _TABLE_TYPES = {"steps": list, "position": int, "snapshots": dict, "systems": dict, "targets": dict}
-_TARGET_KEYS = ("title", "brightness", "saturation", "space", "is_example")
 _DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 """Exceptions that a damaged file raises when it is read; UserError is a ValueError."""
 _ARRAY = TensorFormat(
@@ -186,7 +185,7 @@ class SessionArchive:
         return {"recording": key, "is_moved": recorded.is_moved}
 
     def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
-        table = {key: getattr(target_spec, key) for key in _TARGET_KEYS}
+        table: dict[str, Any] = {"title": target_spec.title, "is_example": target_spec.is_example} | target_spec.light
         if target_spec.is_example:  # its files are shipped, and lie elsewhere in another installation
             return table | {"framing": asdict(target_spec.placement.framing)}
         placement = asdict(target_spec.placement)

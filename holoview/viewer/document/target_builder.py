@@ -20,7 +20,7 @@ from holoview.holograms.targets.light_field import LightField, is_light_field, r
 from holoview.holograms.targets.moving_pupil import StacksAt
 from holoview.holograms.targets.picture import Picture, read_picture, resize_to_cover
 from holoview.holograms.targets.target import Placement, scene_depth
-from holoview.holograms.targets.target_source import ComputedScene, TargetContent
+from holoview.holograms.targets.target_source import ComputedScene, TargetContent, TargetLight
 from holoview.light.colour import SRGB_TO_XYZ
 from holoview.light.model.focus import plane_label
 from holoview.light.model.plan import make_plan
@@ -38,21 +38,17 @@ THUMBNAIL_PX = 320
 
 
 @dataclass(frozen=True, eq=False)
-class TargetSpec:
+class TargetSpec(TargetLight):
     """The target of a hologram, independent of the system that shows it.
 
     source: a picture in linear light, or the path of a rendered focal stack, a folder of views, or a complex field,
-    which lies in the plane of the last modulator unless its placement has a distance. brightness: a factor on linear
-    light. saturation: a factor on the chroma in CIE LCHuv. space: the colour space of float files.
+    which lies in the plane of the last modulator unless its placement has a distance.
     is_example: whether it is `example_target()`, which nobody chose: a hologram that is opened removes it.
     """
 
     source: Picture | Path
     title: str
     placement: Placement = field(default_factory=Placement)
-    brightness: float = 1.0
-    saturation: float = 1.0
-    space: str = "srgb"
     is_example: bool = False
 
     @cached_property
@@ -101,7 +97,7 @@ class TargetSpec:
             source = self._field_scene()
         elif isinstance(source, Path) and not self.is_stack:
             source = read_light_field(system, source, saturation=self.saturation, space=self.space)
-        return TargetContent(source, self.placement, self.brightness, self.saturation, self.space)
+        return TargetContent(source, self.placement, **self.light)
 
     def build(self, system: System, planes_m: NDArray[np.float64] | None = None) -> Target:
         """The target at the planes of a system; at `planes_m` (n,) in metres instead, unless it is a rendered stack.

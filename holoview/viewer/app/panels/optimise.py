@@ -54,10 +54,7 @@ from holoview.viewer.document.target_builder import TargetSpec
 _KEEP, _PAUSE, _CANCEL = "Keep the best so far", "Pause or go on", "Cancel the optimisation"
 _NOTHING = {"scheme": "the bench as it is", "loss": "by the observer"}
 _LABELS = {"start_patterns": "begin", "chromatic": "colour error"}
-_TIPS = {
-    "at": "From the last modulator to the plane of the target's field.",
-    "brightness": "A factor on the target's linear light.",
-}
+_AT = "From the last modulator to the plane of the target's field."
 
 
 class OptimisePanel(Panel):
@@ -168,7 +165,7 @@ def _draw_target(context: AppContext) -> None:
     if target_spec.is_field:
         _draw_place_of_field(context, target_spec)
     changed, brightness = fine_slider("brightness", target_spec.brightness, 0.1, 2.0, "%.2f")
-    tooltip(_TIPS["brightness"])
+    tooltip(field_for(TargetSpec, "brightness").metadata["doc"])
     if changed and brightness > 0:
         context.attempt(
             context.session.edit,
@@ -182,7 +179,7 @@ def _draw_place_of_field(context: AppContext, target_spec: TargetSpec) -> None:
     """Draws the distance of the target's field behind the last modulator."""
     at_m, kind = target_spec.placement.at_m or 0.0, Number("mm", -2.0, 2.0)
     low_m, high_m = focus_range_m(context.session.system)
-    edited = number_field("at", kind, at_m, 0.0, _TIPS["at"], (min(low_m, 0.0), high_m))
+    edited = number_field("at", kind, at_m, 0.0, _AT, (min(low_m, 0.0), high_m))
     if edited is not None:
         moved = replace(target_spec, placement=Placement(at_m=edited.value))
         context.attempt(context.session.edit, "Place of the target", target_spec=moved, merge_key="place of the target")
