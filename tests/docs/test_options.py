@@ -22,13 +22,14 @@ from holoview.holograms.files.request import BinaryLayout, ReadRequest, WindowRe
 from holoview.holograms.metrics.photograph import CameraStatements
 from holoview.holograms.optimise.hologram_job import RunOptions
 from holoview.holograms.optimise.settings import Settings
+from holoview.holograms.targets.target_source import TargetLight
 from holoview.light.model.fields import Nested, fields_by_key, flag_of
 from holoview.util import units
 from holoview.viewer.app.serve import ServeOptions
 
 DOCS = Path(holoview.__file__).resolve().parents[1] / "docs"
 TABLES = {
-    "optimiser.md": (Settings, RunOptions),
+    "optimiser.md": (Settings, TargetLight, RunOptions),
     "calibration.md": (CalibrationSettings, ExposureLimits),
     "captures.md": (AcquisitionSettings, Nuisances, KnownBench),
     "diagnosis.md": (DiagnosisOptions, SamplingConfig),
