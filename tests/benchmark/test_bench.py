@@ -108,6 +108,7 @@ def test_each_round_runs_every_job_once_and_warm_up_is_not_timed() -> None:
     assert JobTimings((0.003, 0.001, 0.002)).minimum_ms == pytest.approx(1.0)
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_criteria_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
     threads = torch.get_num_threads()

@@ -165,6 +165,7 @@ def test_the_rival_of_a_chain_moves_each_pattern_in_its_range(name: str) -> None
     assert all(not np.array_equal(drive[name].numpy(), before[name]) for name in drive)
 
 
+@pytest.mark.long
 def test_time_to_quality_of_a_chain_reaches_its_goal() -> None:
     work = quality_work(_chain("coarse amplitude"), PICTURE)
     found = time_to_quality(work, QualityRun(long=20, rounds=1, steps_rad=(0.1, 0.4)))

@@ -77,6 +77,7 @@ def report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., 
     return run
 
 
+@pytest.mark.long
 @gpu
 def test_a_report_holds_every_kind_of_measurement(device: Device, report: Callable[..., tuple[int, str]]) -> None:
     code, text = report()

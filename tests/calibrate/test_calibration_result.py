@@ -136,6 +136,7 @@ def test_calibrated_is_no_cause_to_be_searched() -> None:
     assert get_effect("calibrated").id == "calibrated"
 
 
+@pytest.mark.long
 def test_pictures_are_drawn_of_everything(trained: Any, model: CalibrationModel, tmp_path: Path) -> None:
     data, best = TrainingData(trained.captures), trained.states[-1].best_maps
     drawn = plot_calibration(tmp_path, data, best, trained.split, model.predict_nominal, model.predict)

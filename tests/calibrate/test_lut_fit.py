@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from holoview.bench.calibrate.sweep import (
     read_sweeps,
 )
 from holoview.util.errors import UserError
+from tests.explored import one_of_each
 
 REAL = Path(__file__).resolve().parents[1] / "data" / "lcos_820nm_first_order_power.csv"
 LEVELS = np.arange(128.0)
@@ -71,6 +73,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     assert inside >= 3  # 95 % each: fewer than three of eight has a chance of 4e-7
 
 
+@pytest.mark.long
 def test_contrast_that_changes_is_found_only_where_it_does() -> None:
     """Schwarz's criterion takes a slope by chance in 3 % of sweeps (χ² with one degree of freedom above ln 128); of 60
     sweeps without one it is 0.0083 (r.m.s.), of which this allows six."""
@@ -151,8 +154,7 @@ def _text(levels: np.ndarray, power: np.ndarray) -> str:
     return "".join(f"{level:g},{value:.6f}\n" for level, value in zip(levels, power, strict=True))
 
 
-@pytest.mark.parametrize("order", STARTS)
-@pytest.mark.parametrize("counts_down", [False, True])
+@pytest.mark.parametrize(("order", "counts_down"), one_of_each(product(STARTS, [False, True])))
 def test_the_spot_is_recognised_and_its_phase_is_found(order: Order, *, counts_down: bool) -> None:
     levels, power, phase = _table(order, 2.7, seed=11)
     lut = fit_lut(parse_sweep(_text(255 - levels, power) if counts_down else _text(levels, power)))
@@ -219,6 +221,7 @@ def test_wavelengths_share_a_table_and_one_dispersion(path: float, *, is_said: b
     assert any("check which file" in line for line in lines) == is_said
 
 
+@pytest.mark.long
 def test_readings_that_no_phase_explains_give_no_table() -> None:
     """Damped beats: neither turning point nor contrast repeats."""
     x = np.arange(256.0)
@@ -476,6 +479,7 @@ def test_a_table_is_verified_by_a_sweep_through_it() -> None:
     assert "from a straight line" in str(bad)
 
 
+@pytest.mark.long
 def test_the_level_of_a_turn_is_said_for_drives_from_0_to_1_too() -> None:
     levels, power, _ = _table("1", 2.7, seed=19)
     for unit, digits in ((1.0, 0), (255.0, 3)):

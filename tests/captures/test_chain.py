@@ -80,6 +80,7 @@ def test_a_prediction_is_what_the_simulation_shows(elements: tuple[dict[str, Any
     assert _deviation(captures, effects, 5) < 1e-12
 
 
+@pytest.mark.long
 def test_each_result_that_is_kept_is_that_of_its_effects() -> None:
     """One predictor for all effects in turn gives what a new one gives, so that no key lacks a value. So it does where
     gradients are recorded, for which less is kept."""

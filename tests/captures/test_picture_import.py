@@ -44,6 +44,7 @@ def test_orientation_focal_length_and_axis_are_found(orientation: str) -> None:
     assert "a full turn" in " ".join(found.notes)
 
 
+@pytest.mark.long
 def test_the_saturated_zero_order_and_what_is_masked_are_left_out() -> None:
     pattern = spread_pattern(5, PATTERN)
     picture = photograph(pattern, SMALL, seed=6)

@@ -57,6 +57,7 @@ def sweep(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_calibrated_bench_renders(holoview: Callable[..., Any], captures: Path, tmp_path: Path) -> None:
     done = holoview("calibrate", captures, "-o", "c.toml", "--epochs", 40, "--batch", 1, "--pictures", "seen", "--json")
     assert done.code == 0, done.err

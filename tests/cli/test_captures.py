@@ -76,6 +76,7 @@ def test_a_check_tells_what_is_there_and_what_it_cant_tell(holoview: Run) -> Non
     assert "Fourier bench" in said and "can't tell   gap" in said
 
 
+@pytest.mark.long
 def test_a_check_says_what_is_recorded_wrongly_unless_it_is_to_be_quick(holoview: Run, tmp_path: Path) -> None:
     captures = _make(holoview, "a.h5")
     write_captures("wrong.h5", dataclasses.replace(captures, levels=captures.levels[:, ::-1]))

@@ -81,6 +81,7 @@ def test_it_says_what_is_wrong_in_words_and_numbers(diagnosed: Diagnosed) -> Non
     assert "diagnosing: " in diagnosed.err
 
 
+@pytest.mark.long
 def test_wrong_records_are_named_and_written_as_they_should_have_been(holoview: Run, tmp_path: Path) -> None:
     """The patterns of modulator 1 are mirrored, the wavelengths in nanometres."""
     plain = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=3))
@@ -350,6 +351,7 @@ def test_one_wavelength_says_what_cant_be_known(holoview: Run, tmp_path: Path, m
     assert "dispersion can't be seen in these captures: it needs 2 wavelengths, there are 1." in outcome.out
 
 
+@pytest.mark.long
 def test_two_exchanged_captures_are_no_all_clear(holoview: Run, tmp_path: Path) -> None:
     """Both lie among those that no fit and no held-out score sees."""
     good = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=3))

@@ -98,6 +98,7 @@ def test_nothing_hidden_is_consistent(seed: int) -> None:
     assert found.unexplained == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", explored(NUISANCES, 1))
 def test_what_varies_in_every_laboratory_is_consistent(seed: int) -> None:
     """Jitter of exposures, pixels that differ, a camera that shakes, lasers that drift."""

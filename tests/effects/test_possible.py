@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,12 @@ from holoview.light.model.effects.registry import (
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.viewer.document.editing_session import EditingSession
+from tests.explored import one_of_each
 
 Make = Callable[..., Captures]
 Values = Mapping[str, Mapping[str, Any]]
 IDS = list(listed_effects())
+SEEN = [name for name, effect in listed_effects().items() if not set(effect.hooks) <= set(CAMERA_HOOKS)]
 SENTENCE = re.compile(r"effects\.[\w.]+: (it needs|it doesn't act|relay|acts on).*; switch it off, or describe")
 FOURIER = AcquisitionSettings(1, focal_length_m=0.1)
 
@@ -85,8 +88,9 @@ def _answers(system: System, name: str, values: Mapping[str, Any]) -> Iterator[t
         yield "optimise", lambda: next(hv.iterate(with_effects(), target, hv.Settings(iterations=1)))
 
 
-@pytest.mark.parametrize("kind", ["one modulator", "two modulators", "without stops", "field"])
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize(
+    ("name", "kind"), one_of_each(product(IDS, ["one modulator", "two modulators", "without stops", "field"]))
+)
 def test_all_that_take_effects_accept_one_or_refuse_it_alike(name: str, kind: str) -> None:
     system = _bench(kind)
     for values in (_values(name), _possible_values(name, system)):
@@ -158,8 +162,7 @@ def test_a_parameter_of_a_part_that_the_bench_lacks_is_refused_and_no_fit_varies
     assert all("2" not in start or "2_" not in start for start in varied.starting_points(captures.nominal_system()))
 
 
-@pytest.mark.parametrize("kind", ["one modulator", "two modulators"])
-@pytest.mark.parametrize("name", [n for n, e in listed_effects().items() if not set(e.hooks) <= set(CAMERA_HOOKS)])
+@pytest.mark.parametrize(("name", "kind"), one_of_each(product(SEEN, ["one modulator", "two modulators"])))
 def test_a_parameter_that_is_set_changes_the_picture_or_is_refused_or_told(name: str, kind: str) -> None:
     """Each alone, at its usual size, hard edges at four times it: the grid is coarse. A billionth is no change."""
     system = _bench(kind).edit({"frames": 2, "planes": ["1 mm"], "amplitudes": [[0.5], [0.5]]})

@@ -458,7 +458,9 @@ def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable
     assert broken.failure is None
 
 
-@pytest.mark.parametrize("preset", ["time-sequential", "multisource-3x3", "holochrome-8-1slm"])
+@pytest.mark.parametrize(
+    "preset", [pytest.param("time-sequential", marks=pytest.mark.long), "multisource-3x3", "holochrome-8-1slm"]
+)
 def test_other_benches_are_shown_too(make_gui: Callable[..., Gui], preset: str) -> None:
     gui = make_gui(load(preset).edit({"shape": [32, 48]}))
     gui.draw_until_idle()

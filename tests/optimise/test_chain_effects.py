@@ -12,6 +12,7 @@ from holoview.holograms.optimise.chain_loop import ChainProblem
 from holoview.holograms.optimise.lasers import changes_lasers
 from holoview.light.model.system import System
 from tests.effects.test_on_element import ELEMENTS, NO_DISTANCE, UNKNOWN, effect_cases, with_effect
+from tests.explored import one_of_each
 from tests.optimise.chain_slopes import free_drives, slope_along
 
 UM, MM, NM = 1e-6, 1e-3, 1e-9
@@ -64,7 +65,7 @@ def _patterns(system: System, rng: np.random.Generator) -> dict[str, np.ndarray]
     return patterns
 
 
-@pytest.mark.parametrize(("chain", "name", "element"), CASES)
+@pytest.mark.parametrize(("chain", "name", "element"), one_of_each(CASES, 1))
 def test_a_chain_is_optimised_for_its_effects(chain: str, name: str, element: str) -> None:
     system, rng = bench_with_effect(chain, name, element), np.random.default_rng(1)
     stack = rng.random((2, *system.way.shape, 3)).astype(np.float32)

@@ -23,6 +23,7 @@ from holoview.light.model.chain import Modulate
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import FrameInputs
+from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
 
@@ -94,7 +95,7 @@ def test_a_whole_chain_is_the_same_on_all_backends(name: str) -> None:
         assert relative_error(found, exact) < np.sqrt(2 * 30) * 2.6e-7
 
 
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", explored(CHAINS, 2))
 def test_the_power_behind_a_chain_is_what_torch_finds(device: Device, name: str) -> None:
     """Of one place it isn't measured."""
     system = _chain(CHAINS[name])
@@ -110,7 +111,7 @@ def test_the_power_behind_a_chain_is_what_torch_finds(device: Device, name: str)
 # --- the fused kernels ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", explored(CHAINS, 2))
 def test_each_fused_stage_of_a_chain_alone_gives_what_torch_gives(device: Device, name: str) -> None:
     pair = ExecutorPair.open(_chain(CHAINS[name]), device)
     for strategy in supported_strategies(device, pair.plan.grid.padded):

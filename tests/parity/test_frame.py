@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from holoview.light.engine.wgpu_executor import WgpuExecutor
 from holoview.light.gpu.line_fft import supported_strategies
 from holoview.light.model.plan import make_plan
 from holoview.light.optics.frame_inputs import FrameInputs
+from tests.explored import explored, one_of_each
 
 pytestmark = pytest.mark.gpu
 
@@ -48,9 +50,10 @@ def _error(found: NDArray[Any], expected: NDArray[Any]) -> float:
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 
-@pytest.mark.parametrize("wavelength", ["400 nm", "550 nm", "700 nm"])
-@pytest.mark.parametrize("plane", ["2 mm", "10 mm", "50 mm", "200 mm"])
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    ("shape", "plane", "wavelength"),
+    one_of_each(product(SHAPES, ["2 mm", "10 mm", "50 mm", "200 mm"], ["400 nm", "550 nm", "700 nm"]), 1),
+)
 def test_an_intensity_is_that_of_torch_in_double_precision(
     both: Opened, bench: Opened, shape: str, plane: str, wavelength: str
 ) -> None:
@@ -102,7 +105,7 @@ STOPS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("case", STOPS)
+@pytest.mark.parametrize("case", explored(STOPS, 1))
 def test_a_frame_behind_stops_is_that_of_torch_by_each_strategy(bench: Opened, device: Any, case: str) -> None:
     """128 × 256 samples and 192 × 384: sizes at which subgroups, too, repeat the spectrum of a pixel in registers.
 

@@ -52,8 +52,8 @@ PICTURED = {
 }
 
 
-QUICK = {"wavelengths", "wavelength-count", "multiplexing", "memory-effect"}
-"""One study of each kind that takes seconds: patterns, schemes, a job of its own, nothing optimised."""
+QUICK = {"wavelength-count", "memory-effect"}
+"""Two studies that take seconds: schemes are optimised, and nothing is."""
 
 
 class _Page(HTMLParser):

@@ -95,6 +95,7 @@ def test_a_cut_far_field_is_predicted_exactly(effects: dict[str, dict[str, float
     assert np.abs(cut - seen).max() < accuracy * seen.max()
 
 
+@pytest.mark.long
 def test_of_a_long_session_the_middle_is_considered(large: Captures) -> None:
     assert central_captures(large, len(large)) is large
     middle = central_captures(large, 5)
