@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 
 from holoview.light.gpu.device import Device
@@ -36,6 +39,24 @@ def test_a_pipeline_that_was_compiled_ahead_is_the_one_that_is_used(
     monkeypatch.setattr(type(device.raw), "create_compute_pipeline", lambda *_, **options: compiled.append(options))
     device.pipeline(shader.source, shader.constants)
     assert not compiled
+
+
+def test_a_driver_compiles_each_shader_while_the_next_pipeline_is_created(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps: list[str] = []
+    for owner, name in ((type(device.raw), "create_compute_pipeline"), (type(device.raw.queue), "submit")):
+        monkeypatch.setattr(owner, name, _noted(steps, name, getattr(owner, name)))
+    precompile(device, [_shader(UNUSED_NUMBERS.replace("factor.x", f"factor.{axis}")) for axis in "zw"])
+    assert steps == ["create_compute_pipeline", "submit"] * 2
+
+
+def _noted(steps: list[str], name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    def noted(*args: Any, **options: Any) -> Any:
+        steps.append(name)
+        return method(*args, **options)
+
+    return noted
 
 
 def test_a_shader_that_is_wrong_is_told(device: Device) -> None:

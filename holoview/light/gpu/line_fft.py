@@ -769,13 +769,13 @@ def precompile(device: Device, shaders: Iterable[TransformShader]) -> None:
 
     Raises ShaderError and DeviceLost as `Device.pipeline` does.
     """
-    recorder = CommandRecorder(device, "shaders")
-    missing = [shader for shader in shaders if not device.has_pipeline(shader.source, shader.constants)]
-    for shader in missing:
+    for shader in shaders:
+        if device.has_pipeline(shader.source, shader.constants):
+            continue
+        recorder = CommandRecorder(device, "shaders")
         declared = shader.source.buffer_bindings() or {}
         groups = [_dummy_buffers(device, declared.get(number, {})) for number in range(max(declared, default=-1) + 1)]
         recorder.add(Dispatch.bind(device, device.pipeline(shader.source, shader.constants), groups, (1, 1, 1)))
-    if missing:
         recorder.submit()
 
 

@@ -9,9 +9,11 @@ Names are relative to the folder `shaders`, not to the including file. Each file
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -94,20 +96,24 @@ class _Linker:
     """Collects lines and their origins while it follows the includes."""
 
     def __init__(self, root: Path) -> None:
-        self._root = root.resolve()
-        self._linked: set[Path] = set()
+        self._root = root
+        self._linked: set[str] = set()
         self.lines: list[str] = []
         self.origins: list[tuple[str, int]] = []
 
     def add_file(self, name: str, included_by: tuple[str, int]) -> None:
-        path = (self._root / name).resolve()
+        path = os.path.normpath(self._root / name)  # which asks the disk nothing, as `resolve` does
         if path in self._linked:
             return
         self._linked.add(path)
-        if not path.is_relative_to(self._root) or not path.is_file():
+        try:
+            if not Path(path).is_relative_to(self._root):
+                raise FileNotFoundError(path)
+            text = _read(path)
+        except (FileNotFoundError, IsADirectoryError) as error:
             file, line = included_by
-            raise ShaderError(f"{file}:{line}: no shader file '{name}' in {self._root}", file, line)
-        self.add_text(name, path.read_text(encoding="utf-8"))
+            raise ShaderError(f"{file}:{line}: no shader file '{name}' in {self._root}", file, line) from error
+        self.add_text(name, text)
 
     def add_text(self, name: str, text: str) -> None:
         if "#include" not in text:
@@ -122,6 +128,12 @@ class _Linker:
             else:
                 self.lines.append(line)
                 self.origins.append((name, number))
+
+
+@lru_cache(maxsize=64)
+def _read(path: str) -> str:
+    """The text of a file, which is read once: a frame links the same few files into many shaders."""
+    return Path(path).read_text(encoding="utf-8")
 
 
 def compile_error(source: ShaderSource, message: str) -> ShaderError:
