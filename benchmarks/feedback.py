@@ -74,6 +74,7 @@ class Viewers:
         self._folder, self._arguments = folder, arguments
         self._environment = os.environ | {"DISPLAY": display}
         self._environment.pop("WAYLAND_DISPLAY", None)
+        self._environment.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed program has its bytecode
 
     def compile(self) -> None:
         """Has the optimiser's kernels compiled."""
