@@ -22,7 +22,7 @@ from holoview.light.gpu.device import open_device
 from holoview.light.model import preset
 from holoview.viewer.app.app import App
 from holoview.viewer.app.script import InputDriver
-from holoview.viewer.document.file_loader import EXAMPLE_PRESET, new_session
+from holoview.viewer.document.example import EXAMPLE_PRESET, new_session
 from holoview.viewer.document.optimisation_job import last_optimisation
 
 DOCS = ROOT / "docs"

@@ -28,6 +28,7 @@ from typing import NoReturn
 import psutil
 
 _SWITCH_S = 0.0005
+_waits_s: list[float] = []  # what held before each of the blocks of `lock_passed_on` that run
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Ctrl-C, what `kill` and batch systems send, and what a closed terminal sends."""
 
@@ -133,12 +134,12 @@ def lock_passed_on() -> Iterator[None]:
     For long work of Python's own beside a window, whose thread gives the lock away and wants it again a hundred times
     in a frame.
     """
-    before = sys.getswitchinterval()
+    _waits_s.append(sys.getswitchinterval())
     sys.setswitchinterval(_SWITCH_S)
     try:
         yield
     finally:
-        sys.setswitchinterval(before)
+        sys.setswitchinterval(_waits_s.pop())  # of blocks in several threads, the last to end restores the first value
 
 
 def leave_signals_to_parent() -> None:

@@ -121,6 +121,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.view", "holoview.light.gpu.device"): OPTIONAL,
     ("holoview.viewer.app.launch", "holoview.viewer.app.no_adapter"): SLOW,
     ("holoview.viewer.app.launch", "holoview.viewer.app.run"): SLOW,
+    ("holoview.viewer.app.launch", "holoview.viewer.document.file_loader"): SLOW,
     ("holoview.viewer.app.context", "holoview.viewer.document.rig_session"): SLOW,
     ("holoview.viewer.app.panels.rig", "holoview.viewer.app.rig_controls"): SLOW,
     ("holoview.commands.view", "holoview.bench.experiment.rig_bench"): SLOW,

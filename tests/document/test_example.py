@@ -16,14 +16,8 @@ from holoview.light.model import preset
 from holoview.light.model.system import System
 from holoview.util.files import data_dir
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.file_loader import (
-    EXAMPLE_PRESET,
-    FileLoader,
-    new_session,
-    show_example,
-    shows_example,
-    target_from_pixels,
-)
+from holoview.viewer.document.example import EXAMPLE_PRESET, new_session, show_example, shows_example
+from holoview.viewer.document.file_loader import FileLoader, target_from_pixels
 from holoview.viewer.document.optimisation_job import OptimisationRequest, start_optimisation
 from holoview.viewer.document.session_store import SessionStore
 from holoview.viewer.render import remembered_brightness

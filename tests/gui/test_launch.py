@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 import tests.document.conftest as bench
-from holoview.viewer.app.launch import LaunchOptions, open_session
+from holoview.util.errors import UserError
+from holoview.viewer.app import launch as launching
+from holoview.viewer.app.launch import LaunchOptions, launch, open_session
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.session_store import SessionStore
 from tests.gui.served import serving
+from tests.patience import PATIENCE_S
 
 OPTIONS = LaunchOptions(
     system=bench.small_system(),
@@ -36,6 +44,34 @@ def _closed_session(folder: Path) -> Path:
     assert autosave.close() is None
     session.close()
     return autosave.folder
+
+
+def test_the_first_picture_waits_for_neither_the_window_nor_pages_nor_other_files() -> None:
+    late = [
+        "imgui_bundle",
+        "holoview.viewer.app.run",
+        "holoview.viewer.document.file_loader",
+        "holoview.viewer.page.page",
+    ]
+    code = f"import sys, holoview.viewer.app.launch; assert not set({late}) & sys.modules.keys()"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE_S)
+
+
+@pytest.mark.parametrize("recovers", [None, 12345])
+def test_without_a_device_a_crashed_session_stays_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recovers: int | None
+) -> None:
+    taken: list[int] = []
+    monkeypatch.setattr(launching, "SessionStore", lambda: SessionStore(tmp_path))
+    monkeypatch.setattr(SessionStore, "take_over", lambda store, process: taken.append(process))
+
+    def device() -> Any:
+        raise UserError("graphics adapter", "none was found")
+
+    options = replace(OPTIONS, recovers=recovers, adapter="none")
+    with pytest.raises(UserError, match="none was found"):
+        launch(options, SimpleNamespace(device=device), print)  # type: ignore[arg-type]
+    assert taken == []
 
 
 def test_the_last_session_is_opened(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from holoview.light.model import preset
 from holoview.light.model.system import System
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.speckle import SpecklePanel
-from holoview.viewer.document.file_loader import EXAMPLE_PRESET, new_session
+from holoview.viewer.document.example import EXAMPLE_PRESET, new_session
 from holoview.viewer.render import light_by_gap, progressive_renderer, remembered_brightness
 from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer

@@ -17,7 +17,8 @@ from holoview.viewer.app.app import App
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.focus import FocusPanel
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.file_loader import EXAMPLE_PRESET, FilesToOpen, new_session
+from holoview.viewer.document.example import EXAMPLE_PRESET, new_session
+from holoview.viewer.document.file_loader import FilesToOpen
 from holoview.viewer.document.optimisation_job import running_optimisation
 from holoview.viewer.document.session_store import SessionStore
 from holoview.viewer.document.target_builder import example_target

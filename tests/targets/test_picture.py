@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 import holoview as hv
-from holoview.holograms.targets.picture import read_picture, resize_to_cover, scale_saturation, srgb_from_primaries
+from holoview.holograms.targets.picture import (
+    UnreadPicture,
+    read_picture,
+    resize_to_cover,
+    scale_saturation,
+    srgb_from_primaries,
+)
 from holoview.light.colour import (
     D65_WHITE,
     SRGB_TO_XYZ,
@@ -40,6 +46,17 @@ def exr(path: Path, channels: dict[str, NDArray[Any]], **header: Any) -> Path:
     with OpenEXR.File(full, channels) as file:
         file.write(str(path))
     return path
+
+
+def test_a_picture_may_be_read_when_its_light_is_first_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "picture.png"
+    picture = UnreadPicture(path)
+    with pytest.raises(UserError, match=r"picture\.png"):
+        _ = picture.rgb
+    Image.fromarray(CODES).save(path)
+    assert np.array_equal(picture.rgb, read_picture(path).rgb) and picture.source == str(path)
+    path.unlink()
+    assert picture.rgb is picture.rgb
 
 
 def test_8_bit_rgb_png_is_decoded_with_the_srgb_curve(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from holoview.util.processes import (
     PREFIX,
     end_with_parent,
     garbage_kept,
+    lock_passed_on,
     process_start,
     wait_for_threads,
 )
@@ -71,6 +72,18 @@ def test_the_clock_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     own = process_start(os.getpid())
     monkeypatch.setattr(psutil.Process, "create_time", lambda self: 0.0)
     assert process_start(os.getpid()) == own
+
+
+def test_the_lock_is_held_as_long_as_before_once_all_blocks_have_ended_in_any_order() -> None:
+    before = sys.getswitchinterval()
+    one, other = lock_passed_on(), lock_passed_on()
+    for block in (one, other):
+        block.__enter__()
+        assert sys.getswitchinterval() < before
+    one.__exit__(None, None, None)
+    assert sys.getswitchinterval() < before
+    other.__exit__(None, None, None)
+    assert sys.getswitchinterval() == before
 
 
 def test_garbage_is_collected_again_afterwards_whatever_happens_if_it_was_before() -> None:

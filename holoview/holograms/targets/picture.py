@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,18 @@ def read_picture(path: str | os.PathLike[str], space: str = "srgb") -> Picture:
     have three float channels although `space` is "xyz".
     """
     return _to_picture(Path(path), read_raster(Path(path), white_of(space)), space)
+
+
+class UnreadPicture(Picture):
+    """A picture of a file that is read when its light is first asked for, which then raises as `read_picture` does."""
+
+    def __init__(self, path: Path) -> None:
+        object.__setattr__(self, "source", str(path))
+
+    @cached_property
+    def rgb(self) -> NDArray[np.float32]:
+        """The light of the file."""
+        return read_picture(self.source).rgb
 
 
 def read_pictures(path: str | os.PathLike[str], space: str = "srgb") -> Iterator[Picture]:

@@ -34,7 +34,7 @@ from holoview.viewer.app.tour import Tour
 from holoview.viewer.app.widgets import label_of, tooltip
 from holoview.viewer.app.window import Window
 from holoview.viewer.document.editing_session import Change, EditingSession, Message, MessageLog
-from holoview.viewer.document.file_loader import show_example
+from holoview.viewer.document.example import show_example
 from holoview.viewer.document.jobs import format_job
 from holoview.viewer.document.measurements import SeenPicture
 from holoview.viewer.document.optimisation_job import load_optimiser

@@ -15,7 +15,7 @@ from holoview.util.errors import UserError
 from holoview.viewer.app.serve import Address, ServeOptions, require_serving_libraries
 from holoview.viewer.app.startup import Startup
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.file_loader import FilesToOpen, new_session
+from holoview.viewer.document.example import new_session
 from holoview.viewer.document.received_fields import ReceivedFields
 from holoview.viewer.document.session_store import SessionStore
 from holoview.viewer.document.sweeper import Sweeper
@@ -66,27 +66,30 @@ IMAGE_DISPLAYED = "the first image is displayed"
 def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], None]) -> None:
     """Runs the viewer until it is closed; `report` prints a line, such as the address that is served.
 
-    startup: opens the device; its thread computes the first picture, while this one imports what the window needs.
+    startup: opens the device, beside which the session is opened; its thread then computes the first picture, while
+    this one imports what the window needs.
     Raises UserError where a library is missing, or the device, the window or a file can't be opened.
     """
     address = None if options.serve is None else Address.parse(options.serve)
     if address is not None:
         require_serving_libraries()
-    device = _device(options, startup, has_window=address is None and not options.is_offscreen)
     is_read_only = address is not None and options.serve_options.is_read_only
     store = None if options.is_offscreen or is_read_only else SessionStore()
+    has_window = address is None and not options.is_offscreen
     crashed = None
     if store is not None and options.recovers is not None:
+        _device(options, startup, has_window)  # what crashed stays as it is for a program that can show it
         with suppress(UserError):  # nothing of it can be read: it is offered, and kept aside then
             crashed = store.take_over(options.recovers)
     session, notes = (crashed, []) if crashed is not None else open_session(options, store)
-    session.sweeper = options.sweeper
-    files = FilesToOpen(options.names if crashed is None else (), options.request)
     for note in notes:
         report(f"note: {note}")
         session.messages.post(note, "warning")
+    session.sweeper = options.sweeper
+    names = options.names if crashed is None else ()
+    device = _device(options, startup, has_window)
     renderer = ProgressiveRenderer(device, remembers=True)
-    if not files.names:
+    if not names:
         renderer.start(session.scene_for(NOW), startup.thread)
     from holoview.viewer.app.run import (  # slow start: ImGui
         run_in_browser,
@@ -94,7 +97,9 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
         run_on_screen,
         run_until_image,
     )
+    from holoview.viewer.document.file_loader import FilesToOpen  # slow start
 
+    files = FilesToOpen(names, options.request)
     on_image = partial(print, IMAGE_DISPLAYED, flush=True) if options.until_image else None
     window = (session, device, renderer, options.size)
     listen = None if options.listen_port is None else partial(_listen, options.listen_port, report)

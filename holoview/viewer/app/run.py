@@ -26,7 +26,8 @@ from holoview.viewer.app.panels.rig import open_rig
 from holoview.viewer.app.script import InputDriver, run_script, screenshot, wait_until_idle
 from holoview.viewer.app.serve import Address, ServeOptions, serve
 from holoview.viewer.document.editing_session import EditingSession
-from holoview.viewer.document.file_loader import NO_FILES, FilesToOpen, shows_example
+from holoview.viewer.document.example import shows_example
+from holoview.viewer.document.file_loader import NO_FILES, FilesToOpen
 from holoview.viewer.document.received_fields import ReceivedFields
 from holoview.viewer.document.session_store import SessionStore, state_folder
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer

@@ -7,7 +7,8 @@ focus_edits           edits of the focal plane, of the eye, and of the pupil's r
 target_builder        the image that a hologram should show, built on a worker thread
 measurements          measurements of an image; those of the displayed one, kept up to date
 optimisation_job      optimises patterns as a job with preview; goes on with it after a crash; jobs that measure speckle
-file_loader           opens files: recognises, reads, and reloads them when they are rewritten; the shipped example
+example               the shipped example, which a new session shows
+file_loader           opens files: recognises, reads, and reloads them when they are rewritten
 recording_edits       kind, order and steps of the recording that a field is of
 received_fields       shows fields that other running programs send
 rig_session           a rig beside the document: patterns and settings, devices, captures, plans, diagnosis

@@ -1,9 +1,4 @@
-"""Opens files in a session: recognises each by its content, reads it, and reads it again when it is rewritten.
-
-The shipped example: a hologram of the still life with its target, which a new session shows.
-
-The hologram is for the preset `EXAMPLE_PRESET` as it is. Every other bench gets random patterns with the same target.
-"""
+"""Opens files in a session: recognises each by its content, reads it, and reads it again when it is rewritten."""
 
 from __future__ import annotations
 
@@ -13,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,80 +33,20 @@ from holoview.light.model.focus import PupilPath
 from holoview.light.model.system import System
 from holoview.light.numerics.sampling import Region
 from holoview.util.errors import UserError
-from holoview.util.files import data_dir, expand_home, opened_file, read_text
+from holoview.util.files import expand_home, opened_file, read_text
 from holoview.util.progress import StepCallback
 from holoview.util.safetensors_file import format_of
 from holoview.util.tables import parse_toml
 from holoview.viewer.document.document import middle_plane
 from holoview.viewer.document.editing_session import EditingSession
+from holoview.viewer.document.example import has_example_target, is_example_bench, random_patterns_hint, show_example
 from holoview.viewer.document.jobs import BackgroundJob, JobControl
 from holoview.viewer.document.optimisation_job import running_optimisation, start_quick_optimisation
-from holoview.viewer.document.target_builder import TargetSpec, example_target
+from holoview.viewer.document.target_builder import TargetSpec
 from holoview.viewer.page.link import shown_by_link, split_link
 from holoview.viewer.page.page import is_page, read_page
 from holoview.viewer.render.scene import Drive
-from holoview.viewer.render.view_settings import NOW, SPECKLE_EXPOSURE_STOPS, ComparisonSide, ViewSettings
-
-EXAMPLE_PRESET = "holochrome-8"
-_ORIGIN = "shipped hologram of the still life"
-
-
-def new_session(system: System, *, is_random: bool = False) -> EditingSession:
-    """A new session of a bench, which shows the example.
-
-    is_random: shows random patterns instead, without a target. Raises UserError when a shipped file can't be read.
-    """
-    view = ViewSettings(plane_m=middle_plane(system), exposure_stops=SPECKLE_EXPOSURE_STOPS)
-    if is_random:
-        return EditingSession(system, view_settings=view)
-    if not is_example_bench(system):
-        target_spec = example_target()
-        session = EditingSession(system, target_spec=target_spec, view_settings=view)
-        session.messages.post(random_patterns_hint(target_spec))
-        return session
-    fields = _example_fields()
-    view = ViewSettings(plane_m=middle_plane(fields["system"]))
-    return EditingSession(**fields, view_settings=view)
-
-
-def show_example(session: EditingSession) -> None:
-    """Shows the example in a session, as one step of undo. Raises UserError when a shipped file can't be read."""
-    fields = _example_fields()
-    view = session.view_settings.with_(plane_m=middle_plane(fields["system"]), exposure_stops=0.0)
-    session.edit("Open the still life", **fields, view_settings=view, path=None)
-    session.mark_saved()
-
-
-def shows_example(session: EditingSession) -> bool:
-    """Whether a session shows the example as it was shipped, apart from view settings."""
-    return has_example_target(session) and session.document.origin == _ORIGIN
-
-
-def has_example_target(session: EditingSession) -> bool:
-    """Whether the target of a session is that of the example."""
-    return session.target_spec is not None and session.target_spec.is_example
-
-
-def is_example_bench(system: System | None) -> bool:
-    """Whether the shipped hologram is for this bench."""
-    return system == preset.load(EXAMPLE_PRESET)
-
-
-def random_patterns_hint(target_spec: TargetSpec) -> str:
-    """A hint for a user who sees the speckle of random patterns."""
-    return f"Random patterns show speckle. Ctrl+Enter finds patterns that show the target, {target_spec.title}."
-
-
-def _example_fields() -> dict[str, Any]:
-    """The fields of a document that shows the example."""
-    hologram = load_hologram(data_dir("assets") / "still-life.safetensors")
-    return {
-        "system": hologram.system,
-        "drive": hologram.drive,
-        "target_spec": example_target(),
-        "origin": _ORIGIN,
-    }
-
+from holoview.viewer.render.view_settings import NOW, ComparisonSide, ViewSettings
 
 # --- files ------------------------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from holoview.holograms.targets.focal_stack import Target
 from holoview.holograms.targets.framing import Framing
 from holoview.holograms.targets.light_field import LightField, is_light_field, read_light_field
 from holoview.holograms.targets.moving_pupil import StacksAt
-from holoview.holograms.targets.picture import Picture, read_picture, resize_to_cover
+from holoview.holograms.targets.picture import Picture, UnreadPicture, resize_to_cover
 from holoview.holograms.targets.target import Placement, scene_depth
 from holoview.holograms.targets.target_source import ComputedScene, TargetContent, TargetLight
 from holoview.light.colour import SRGB_TO_XYZ
@@ -137,10 +137,10 @@ def thumbnail_xyz(target_spec: TargetSpec) -> NDArray[np.float32]:
 
 
 def example_target() -> TargetSpec:
-    """The shipped still life with its depth. Raises UserError when its files can't be read."""
+    """The shipped still life with its depth. Its files are read when they are needed."""
     folder = data_dir("assets")
     placement = Placement(depth=folder / "still-life-depth.png")
-    return TargetSpec(read_picture(folder / "still-life.png"), "still life", placement, is_example=True)
+    return TargetSpec(UnreadPicture(folder / "still-life.png"), "still life", placement, is_example=True)
 
 
 # --- Builds targets at a focal plane on a worker thread, and caches them ---

@@ -37,6 +37,7 @@ from holoview.light.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.mailbox import Inputs, are_same
 from holoview.util.packages import load_torch_libraries
+from holoview.util.processes import lock_passed_on
 from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.remembered_brightness import remember_gain, remembered_gain
 from holoview.viewer.render.scene import DeviceImage, Scene, image_shape
@@ -50,6 +51,7 @@ IDLE_BEFORE_FULL_S = 0.12
 """The time without an edit after which the full frame begins."""
 SLICE_S = 0.012
 """The approximate duration of a slice, during which the device can't draw the window."""
+_FIRST_SLICE_S = 0.1  # of the first quick frame, before which the window has nothing to show
 _MIN_LASERS = 3
 _FORESEEN_LASERS = 3  # whose parts of a full frame tell how bright it will be
 _FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
@@ -64,9 +66,11 @@ def edit_to_scene(renderer: IncrementalRenderer | None, scene: Scene, device: De
     return renderer
 
 
-def slices(renderer: IncrementalRenderer, *, may_reorder: bool = False) -> Iterator[UpdateProgress]:
+def slices(
+    renderer: IncrementalRenderer, slice_s: float = SLICE_S, *, may_reorder: bool = False
+) -> Iterator[UpdateProgress]:
     """Renders what is stale, slice by slice. may_reorder: see `IncrementalRenderer.steps`."""
-    return renderer.steps(with_srgb=False, wait=True, slice_s=SLICE_S, may_reorder=may_reorder)
+    return renderer.steps(with_srgb=False, wait=True, slice_s=slice_s, may_reorder=may_reorder)
 
 
 class ProgressiveRenderer:
@@ -85,6 +89,7 @@ class ProgressiveRenderer:
         self._stage, self._follows_quick_frame = "done", False
         self._steps: Iterator[UpdateProgress] | None = None
         self._requested_at, self._version = 0.0, 0
+        self._slice_s = SLICE_S  # of quick frames
         self._first: Future[None] | None = None  # while a thread computes the first picture
         self._next: Scene | None = None  # the scene that was requested meanwhile, or during a quick frame
         self.picture: DeviceImage | None = None
@@ -189,8 +194,11 @@ class ProgressiveRenderer:
     def _compute_first(self) -> None:
         if self._requested is not None and self._requested.system.is_chain:
             load_torch_libraries()  # of which chains need tables, while the window's thread goes on
-        while self.picture is None and self._stage != "done":
-            self._compute_slice()
+        self._slice_s = _FIRST_SLICE_S
+        with lock_passed_on():  # the window's thread imports and builds the window meanwhile
+            while self.picture is None and self._stage != "done":
+                self._compute_slice()
+        self._slice_s = SLICE_S
 
     def _take_first(self) -> bool:
         """Goes on from the thread's results, once they are there; raises its exception."""
@@ -293,7 +301,7 @@ class ProgressiveRenderer:
             try:
                 quick_system = make_quick_system(scene.system, self._quick_laser_count(scene))
                 self._quick = edit_to_scene(self._quick, replace(scene, system=quick_system), self._device)
-                return slices(self._quick)
+                return slices(self._quick, self._slice_s)
             except UserError:  # the system can't be simplified
                 self._stage = "full"
         self._full = edit_to_scene(self._full, scene, self._device)
