@@ -174,6 +174,8 @@ def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str
 # destinations in argparse's namespace of the options that only this form of the command has
 _LUT_OPTIONS = ("wavelength", "period", "order", "plot", "save_preset", "compare", "drive_bits", "vendor_table")
 _WAVELENGTH_RANGE_M = (100e-9, 10e-6)
+_REMEDY = "state --order if it isn't that one; else look for drift, saturation or another spot in the reading"
+_REMEDY_OF_SEVERAL = "fit it alone, or state --order: then sweeps that don't fit the coarsest grating's are left out"
 
 
 def _add_lut_options(group: argparse._ArgumentGroup) -> None:
@@ -256,10 +258,7 @@ def run_lut(args: argparse.Namespace, files: list[Path]) -> int:
         print_json(figures)
     else:
         print("\n".join(lines))
-    if not lut.explains:
-        found = f"no monotone phase explains the readings: {lut.residual:.2g} of the power's range is left"
-        remedy = "state --order if it isn't that one; else look for drift, saturation or another spot in the reading"
-        raise UserError(name, found, expected="a residual below 0.05 or of the noise", remedy=remedy)
+    lut.check(_REMEDY if len(lut.fits) == 1 else _REMEDY_OF_SEVERAL)
     wavelength = wavelengths[0] if wavelengths else None
     system = None if preset_system is None else with_lut(preset_system, lut, wavelength)
     drives = None if args.vendor_table is None else vendor_table(lut, args.drive_bits or 12)

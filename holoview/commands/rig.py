@@ -332,9 +332,7 @@ def _lut(args: argparse.Namespace) -> int:
         print_json(figures | ({"left_out": fitted.notes} if fitted.notes else {}))
     else:
         print("\n".join(lines))
-    if not lut.explains:
-        found = f"no monotone phase explains the readings: {lut.residual:.2g} of their range is left"
-        raise UserError(table.name, found, expected="a residual below 0.05 or of the noise")
+    lut.check()
     save_lut(args.output, lut, table.name, wavelengths_m, periods)
     return 0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -225,8 +227,14 @@ def test_wavelengths_share_a_table_and_one_dispersion(path: float, *, is_said: b
 def test_readings_that_no_phase_explains_give_no_table() -> None:
     """Damped beats: neither turning point nor contrast repeats."""
     x = np.arange(256.0)
-    lut = fit_lut(parse_sweep(_text(x, np.exp(-x / 60) * np.sin(x / 9) + 0.4 * np.sin(x / 31))), "1")
+    lut = fit_lut(parse_sweep(_text(x, np.exp(-x / 60) * np.sin(x / 9) + 0.4 * np.sin(x / 31)), "beats"), "1")
     assert not lut.explains
+    good = replace(lut.fits[0], sweep=replace(lut.fits[0].sweep, name="good"), residual=0.0)
+    with pytest.raises(UserError, match=r"^beats: no monotone phase explains the readings: ") as caught:
+        replace(lut, fits=(good, lut.fits[0], good)).check()
+    left, most = (float(re.findall(r"[\d.]+", text)[0]) for text in (caught.value.found, caught.value.expected))
+    assert left > most  # what is said to be left is more than what is said to be allowed
+    replace(lut, fits=(good,)).check()
 
 
 @pytest.mark.long

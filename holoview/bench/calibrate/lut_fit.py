@@ -83,18 +83,32 @@ class SweepFit:
     full_power: float
     stray: float
 
+    @property
+    def most_residual(self) -> float:
+        """The residual up to which the sweep counts as explained."""
+        return max(_WORST_RESIDUAL, _NOISE_FACTOR * self.sweep.noise / self.sweep.range)
+
+    @property
+    def unexplained(self) -> float:
+        """Share of the power's variance that is left."""
+        return (self.residual * self.sweep.range) ** 2 / float(self.sweep.power.var())
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether little enough is left for a table."""
+        return self.residual <= self.most_residual and self.unexplained <= 1 - _LEAST_EXPLAINED
+
 
 @dataclass(frozen=True, eq=False)
 class FittedLut:
     """A fitted look-up table.
 
     levels: (n,), those of the first sweep, ascending. phase: (n,), rad: distance from the phase of the reference level,
-    at the first sweep's wavelength. order: of the spot. reason: why, as a clause.
-    stroke_interval: 95 % confidence interval of the greatest phase, rad; it allows for the noise and for the choice of
-    the model. fits: one entry for each sweep. explains: whether the model explains the readings; if it doesn't, `phase`
-    is nothing to build on. unseen_shift: of the stroke, rad, if the full power changed by 5 % a radian, where a sweep
-    shows it once only and can't tell; else None. linear_2pi, linear_free: residuals of the first sweep for a phase that
-    is linear in the level, with a stroke of 2π and with the best stroke.
+    at the first sweep's wavelength. order: of the spot. reason: why, as a clause. stroke_interval: 95 % confidence
+    interval of the greatest phase, rad; it allows for the noise and for the choice of the model. fits: one entry for
+    each sweep. unseen_shift: of the stroke, rad, if the full power changed by 5 % a radian, where a sweep shows it once
+    only and can't tell; else None. linear_2pi, linear_free: residuals of the first sweep for a phase that is linear in
+    the level, with a stroke of 2π and with the best stroke.
     """
 
     levels: Floats
@@ -103,7 +117,6 @@ class FittedLut:
     reason: str
     stroke_interval: tuple[float, float]
     fits: tuple[SweepFit, ...]
-    explains: bool
     unseen_shift: float | None
     linear_2pi: float
     linear_free: float
@@ -112,6 +125,23 @@ class FittedLut:
     def stroke(self) -> float:
         """Greatest phase, rad."""
         return float(self.phase.max())
+
+    @property
+    def explains(self) -> bool:
+        """Whether the model explains all sweeps; if it doesn't, `phase` is nothing to build on."""
+        return all(fit.is_explained for fit in self.fits)
+
+    def check(self, remedy: str = "") -> None:
+        """Raises UserError about the worst sweep where the model doesn't explain all of them."""
+        wrong = [fit for fit in self.fits if not fit.is_explained]
+        if not wrong:
+            return
+        worst = max(wrong, key=lambda fit: (fit.unexplained, fit.residual))
+        left = f"{worst.residual:.2g} of the power's range and {worst.unexplained:.1%} of its variance"
+        most = f"at most {worst.most_residual:.2g} of the range and {1 - _LEAST_EXPLAINED:.0%} of the variance"
+        raise UserError(
+            worst.sweep.name, f"no monotone phase explains the readings: {left} are left", expected=most, remedy=remedy
+        )
 
     @property
     def residual(self) -> float:
@@ -185,7 +215,6 @@ def fit_lut(
         reason=reason,
         stroke_interval=(max(min(others) - margin, 0.0), max(others) + margin),
         fits=fits,
-        explains=all(map(_explains, fits)),
         unseen_shift=_unseen_shift(best),
         linear_2pi=_linear_residual(first, orders[0], 2 * math.pi),
         linear_free=min(linear),
@@ -290,13 +319,6 @@ def known_labels(labelled: Sequence[LabelledSweep]) -> tuple[list[float], list[f
             raise UserError(f"--{name}", f"known of {len(known)} of {len(values)} sweeps", expected="all or none")
         found.append(known)
     return found[0], found[1]
-
-
-def _explains(fit: SweepFit) -> bool:
-    sweep = fit.sweep
-    noise = sweep.noise / sweep.range
-    explained = 1 - (fit.residual * sweep.range) ** 2 / float(sweep.power.var())
-    return fit.residual <= max(_WORST_RESIDUAL, _NOISE_FACTOR * noise) and explained >= _LEAST_EXPLAINED
 
 
 # --- which spot was read ----------------------------------------------------------------------------------------------
