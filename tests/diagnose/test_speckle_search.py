@@ -6,17 +6,19 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks.plain_light import Beam
+from benchmarks.plain_light import Beam, Bench, Sensor, hologram_levels
 from benchmarks.real_benches import draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.dataset import Captures
 from holoview.bench.captures.picture_import import KnownBench, PictureAndPattern, import_pictures
 from holoview.bench.captures.prepared_captures import prepare_captures
+from holoview.bench.captures.speckle_measure import window_of
 from holoview.bench.diagnose import speckle_search
 from holoview.bench.diagnose.pipeline import diagnose
-from holoview.bench.diagnose.speckle_evidence import light_by_speckle, window_for_light
+from holoview.bench.diagnose.speckle_evidence import _PART_PX, light_by_speckle, window_for_light
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
@@ -88,18 +90,33 @@ def test_light_beside_the_middle_is_found_with_its_wavefront_where_a_retrieval_f
     assert places == pytest.approx([8.0, -13.0], abs=5.0)  # a third of the radius
 
 
+def _on_a_large_modulator() -> Captures:
+    """One picture of 8 bits as a real bench took it: a beam of 0.43 of half the rows near the middle, with 3 rad r.m.s.
+    of coma, half the stroke, a saturated zero order, gain and axis unknown."""
+    rng, shape, focal_m, radius = np.random.default_rng(1), (384, 512), 0.3146, 82.6
+    beam, wave = Beam(radius, 8.0, (7.4, -5.9)), {(3, 1): -3.1, (3, -1): 0.35, (4, 0): 0.2, (2, 0): -0.5}
+    bench = Bench(shape, (556, 730), 36e-6, 5.86e-6, 0.513 * WAVELENGTH_M, beam=beam, wave=wave, wave_radius_px=radius)
+    pattern = hologram_levels(rng, shape, "blobs")
+    light = replace(bench, focal_length_m=focal_m, axis_px=(20.3, -31.6)).picture([pattern], WAVELENGTH_M)
+    counts = Sensor(electrons=10.0).counts(rng, light * 251 / np.quantile(light, 0.99)).astype(np.uint8)
+    known = KnownBench(WAVELENGTH_M, bench.pitch_m, bench.camera_pitch_m, focal_m)
+    return import_pictures([PictureAndPattern(counts, pattern, "picture", "pattern")], known).captures
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("radius", [25.0, 40.0])
+@pytest.mark.parametrize("radius", [25.0, 40.0, None])
 def test_places_all_over_the_modulator_do_not_crowd_out_its_middle(
-    radius: float, monkeypatch: pytest.MonkeyPatch
+    radius: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a beam in the middle the search ends no lower than from beams in the middle alone."""
-    pictures = speckle_search.Pictures(prepare_captures(_captures(FarField(radius=radius), 3)))
+    """Of a beam in the middle the search ends no lower than from beams in the middle alone. On a large modulator these
+    lead to the light, and of the many places some score higher by chance."""
+    captures = _on_a_large_modulator() if radius is None else _captures(FarField(radius=radius), 3)
+    pictures = speckle_search.Pictures(prepare_captures(window_of(captures, _PART_PX)))
     found, beams = speckle_search._from_simple_beams(pictures, {}), speckle_search._start_beams
     middle = [beam for beam in beams(pictures, speckle_search._START_SIZES) if not any(beam.centre)]
     monkeypatch.setattr(speckle_search, "_start_beams", lambda part, sizes: middle)
     alone = speckle_search._from_simple_beams(pictures, {})
-    assert alone.score > 0.3 and found.score >= alone.score
+    assert (radius is None or alone.score > 0.3) and found.score >= alone.score
 
 
 @pytest.mark.explores
