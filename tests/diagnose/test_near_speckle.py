@@ -27,7 +27,7 @@ from holoview.bench.diagnose.speckle_evidence import (
     near_beam,
     window_for_light,
 )
-from holoview.bench.diagnose.speckle_search import NOMINAL, Circle, Pictures, SpeckleSearch
+from holoview.bench.diagnose.speckle_light import NOMINAL, Circle, Pictures, SpeckleSearch
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import ProgressCallback, no_progress
 from tests.explored import explored
@@ -268,6 +268,21 @@ def test_light_is_sought_from_causes_that_were_found_before(kind: str, tmp_path:
     light = light_by_speckle(LightWindow(captures, near_beam(captures), False), _end_at(1), untold, earlier=earlier)
     assert light is not None and light.was_ended
     assert light.after > 0.95
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", explored(["near", "near-two"], 1))
+def test_the_light_is_the_same_in_any_number_of_threads(kind: str, tmp_path: Path) -> None:
+    """But for rounding, which differs from run to run."""
+    drawn = _nominal(kind, 1)
+    spoilt = replace(drawn.bench, beam=Beam(RADIUS_PX, 2.0, (2.0, -4.0)), stroke_m=drawn.bench.stroke_m * STROKE)
+    captures = _captures(replace(drawn, bench=spoilt), tmp_path)
+    window = LightWindow(captures, near_beam(captures), True)
+    alone, side_by_side = (light_by_speckle(window, no_progress, untold, threads=threads) for threads in (1, 3))
+    assert alone is not None and side_by_side is not None and alone.values.keys() == side_by_side.values.keys()
+    for name, values in alone.values.items():
+        assert side_by_side.values[name] == pytest.approx(values, rel=1e-5, abs=1e-12)
+    assert side_by_side.losses == {part: pytest.approx(loss, abs=1e-5) for part, loss in alone.losses.items()}
 
 
 def test_a_cause_that_is_no_candidate_is_not_sought(tmp_path: Path) -> None:

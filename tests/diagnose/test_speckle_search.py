@@ -19,6 +19,7 @@ from holoview.bench.captures.speckle_measure import window_of
 from holoview.bench.diagnose import speckle_search
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.speckle_evidence import _PART_PX, light_by_speckle, window_for_light
+from holoview.bench.diagnose.speckle_light import NOMINAL, NOMINAL_LENGTHS, Circle, Pictures
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import no_progress
 from tests.captures.far_field import CAMERA_PITCH_M, PITCH_M, WAVELENGTH_M, FarField, photograph, spread_pattern
@@ -73,8 +74,8 @@ def test_light_beside_the_middle_is_found_with_its_wavefront_where_a_retrieval_f
 ) -> None:
     """A beam of 15 of 64 pixels, off the middle by its radius, with as much defocus as coma along both axes: 1.6 rad
     r.m.s. together, from which ascents from even phases are too far."""
-    nothing = speckle_search._Leader(0.0, speckle_search.NOMINAL, speckle_search.Circle(0.5), speckle_search.Lengths())
-    monkeypatch.setattr(speckle_search, "_from_retrieved", lambda part, shape, progress: nothing)
+    nothing = speckle_search._Leader(0.0, NOMINAL, Circle(0.5), NOMINAL_LENGTHS)
+    monkeypatch.setattr(speckle_search, "_from_retrieved", lambda task: nothing)
     drawn = draw(5, "none", "fourier", 64)
     beam = Beam(15.0, 2.0, (8.0, -13.0))
     wave = {(2, 0): -radians, (3, 1): -radians, (3, -1): radians}
@@ -111,11 +112,12 @@ def test_places_all_over_the_modulator_do_not_crowd_out_its_middle(
     """Of a beam in the middle the search ends no lower than from beams in the middle alone. On a large modulator these
     lead to the light, and of the many places some score higher by chance."""
     captures = _on_a_large_modulator() if radius is None else _captures(FarField(radius=radius), 3)
-    pictures = speckle_search.Pictures(prepare_captures(window_of(captures, _PART_PX)))
-    found, beams = speckle_search._from_simple_beams(pictures, {}), speckle_search._start_beams
+    pictures = Pictures(prepare_captures(window_of(captures, _PART_PX)))
+    task = speckle_search._Task(pictures, {}, lambda number: None)
+    found, beams = speckle_search._from_simple_beams(task), speckle_search._start_beams
     middle = [beam for beam in beams(pictures, speckle_search._START_SIZES) if not any(beam.centre)]
     monkeypatch.setattr(speckle_search, "_start_beams", lambda part, sizes: middle)
-    alone = speckle_search._from_simple_beams(pictures, {})
+    alone = speckle_search._from_simple_beams(task)
     assert (radius is None or alone.score > 0.3) and found.score >= alone.score
 
 

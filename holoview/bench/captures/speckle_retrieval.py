@@ -11,6 +11,7 @@ the correlation of local contrasts refines c, with the stroke. Patterns that are
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from typing import ClassVar
@@ -120,14 +121,24 @@ class LightRetrieval:
 
     def __init__(self, data: PreparedCaptures) -> None:
         captures = data.captures
-        self._light = RetrievedLight((captures.levels.shape[2], captures.levels.shape[3]))
-        self._predict = Predictor(captures, [self._light], cache_mb=1)
-        self._indices, self._calls = np.arange(len(captures)), 0
+        self._captures, self._indices = captures, np.arange(len(captures))
+        self._begin()
         self._measure = measure = SpeckleMeasure(data)
         self._usable = data.usable
         self._weights = torch.zeros_like(measure.mean)
         contrast = measure.contrast[measure.fitted]
         self._weights[measure.fitted] = (contrast - contrast.mean()) / measure.mean[measure.fitted]
+
+    def _begin(self) -> None:
+        captures, self._calls = self._captures, 0
+        self._light = RetrievedLight((captures.levels.shape[2], captures.levels.shape[3]))
+        self._predict = Predictor(captures, [self._light], cache_mb=1)
+
+    def for_thread(self) -> LightRetrieval:
+        """The same for another thread: what predicts can't be shared."""
+        other = copy.copy(self)
+        other._begin()
+        return other
 
     def start(self, stroke: float) -> Retrieved:
         """The leading eigenvector of the weighted intensities; any light where none leads, as of a wrong pattern."""

@@ -22,6 +22,9 @@ fit                 local fits, scans of a range, and what improves a fit
 refine              refine: joint fits of several causes, polished near the noise floor
 judge               judge: candidates ranked on held-out captures, and the verdict
 rivals              the simplest of equal names; look-alikes that these captures can't exclude
+speckle_evidence    when the light on the modulator is sought by speckle, and in which part of the pictures
+speckle_search      that search: where it starts, and which parts of the light it needs
+speckle_light       the light that it varies, and how well the speckle stands with it
 sampling_choice     whether camera pixels integrate, how fine predictions have to be
 detail_veto         no cause that takes away detail which the pictures show
 nuisances           sensitivity of pixels, movements of the camera, drift of lasers, sampling of the model

@@ -285,7 +285,7 @@ def _search_light(
         end.check()
 
     try:
-        light = light_by_speckle(window, progress, tell, request.config.region, earlier)
+        light = light_by_speckle(window, progress, tell, request.config.region, earlier, request.workers)
         if request.is_asked:
             raise SearchEnded
     except SearchEnded:

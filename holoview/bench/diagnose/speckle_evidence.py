@@ -15,15 +15,8 @@ from holoview.bench.captures.speckle_measure import window_of
 from holoview.bench.diagnose.config import RegionConfig
 from holoview.bench.diagnose.crop import middle_captures
 from holoview.bench.diagnose.parts import cut_parts
-from holoview.bench.diagnose.speckle_search import (
-    NO_VALUES,
-    NOMINAL,
-    FoundLight,
-    NearBeam,
-    Pictures,
-    SpeckleSearch,
-    find_light,
-)
+from holoview.bench.diagnose.speckle_light import NO_VALUES, NOMINAL, NearBeam, Pictures, SpeckleSearch
+from holoview.bench.diagnose.speckle_search import FoundLight, find_light
 from holoview.util.progress import ProgressCallback, TextCallback
 
 _MOST_PICTURES = 4
@@ -98,23 +91,24 @@ def light_by_speckle(
     tell: TextCallback,
     config: RegionConfig = _REGION,
     earlier: Mapping[str, Mapping[str, float]] = NO_VALUES,
+    threads: int = 1,
 ) -> FoundLight | None:
     """The light that makes the speckle of a window stand; None where none does.
 
     tell: is told why it wasn't sought. config: how large parts are. earlier: values of causes that another search has
-    found, from which this one goes on.
+    found, from which this one goes on. threads: in which independent parts of the search run.
     """
     captures, beam = window.captures, window.beam
     if beam is None:
         whole, part = (Pictures(prepare_captures(one)) for one in (captures, window_of(captures, _PART_PX)))
-        found = find_light(whole, part, progress, earlier=earlier)
+        found = find_light(whole, part, progress, earlier=earlier, threads=threads)
     else:
         is_small = captures.levels[0].size <= _MOST_NEAR_PX
         pictures = beam.pictures if is_small else _parts(beam, config)
         if pictures is None:
             tell("The light wasn't sought by speckle: the pictures show too little around their middle for five parts")
             return None
-        found = find_light(pictures, pictures, progress, beam, earlier)
+        found = find_light(pictures, pictures, progress, beam, earlier, threads)
     gain = min(_GAIN, _MISSING_GAIN * (1 - found.before))
     gain = 0.0 if beam is not None and beam.explained > 0 else gain  # where brightness gains, speckle may stand before
     return found if found.after > max(found.before + gain, _LEAST) else None
