@@ -32,9 +32,9 @@ from holoview.util.errors import UserError
 from holoview.util.progress import TextCallback
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TargetLight:
-    """How the light of pictures becomes that of a target."""
+    """How the light of pictures becomes that of a target. What is equal is for those to say that have more fields."""
 
     brightness: float = described_field(
         Number(low=1e-6, high=1e6, words="a factor from 1e-06 to 1e+06"),
