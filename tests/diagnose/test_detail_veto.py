@@ -110,7 +110,8 @@ def test_a_cause_that_may_be_nominal_is_not_named_beside_a_true_one(half_width: 
 
 @pytest.mark.parametrize("name", sorted(listed_effects()))
 def test_every_effect_may_have_no_size_but_entries_of_a_list(name: str) -> None:
-    """Numbers at their nominal values: not named, beside a true cause. The entries of a list have no nominal value."""
+    """Numbers at their nominal values, but for those that then change nothing, as the edge of a beam of no size: not
+    named, beside a true cause. The entries of a list have no nominal value."""
     true = {"wavelength_offset" if name == "tilt" else "tilt": {}}
     context = make_context_of(_measured({}))
     effect = listed_effects()[name]
@@ -119,6 +120,8 @@ def test_every_effect_may_have_no_size_but_entries_of_a_list(name: str) -> None:
     numbers = {p.name: p.read(own) for p in effect.parameters if not isinstance(p, ListParameter)}
     entries = {f"{p.name}[0]": 0.0 for p in effect.parameters if isinstance(p, ListParameter)}
     intervals = {(name, part): Interval(value, 0.1, 0.2) for part, value in (numbers | entries).items()}
+    away = {p.name: p.read(own) + 1.0 for p in effect.parameters if not isinstance(p, ListParameter) and p.modifies}
+    intervals |= {(name, part): Interval(value, 0.1, 0.2) for part, value in away.items()}
     decided, notes = veto_no_size(context, result, decision, intervals)[1:]
     assert decided.best is not None and (name in decided.best.causes) == bool(entries) == (not notes)
 

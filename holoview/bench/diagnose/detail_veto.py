@@ -129,10 +129,10 @@ def veto_no_size(
     intervals: Mapping[tuple[str, str], Interval],
     fitted: SearchContext | None = None,
 ) -> tuple[SearchResult, Decision, list[str]]:
-    """The result and the decision without causes whose every number has its nominal value in its interval, as long as
-    held-out pictures are predicted about as well without them; with notes. One cause stays. Causes that predict the
-    captures down to their noise explain them without the others too; of those that leave more, the captures may be
-    partly explained without the others.
+    """The result and the decision without causes whose every number has its nominal value in its interval, or changes
+    nothing once the others have it, as long as held-out pictures are predicted about as well without them; with notes.
+    One cause stays. Causes that predict the captures down to their noise explain them without the others too; of those
+    that leave more, the captures may be partly explained without the others.
 
     intervals: of each (effect, parameter). fitted: the captures, or parts of large ones, to which the others are fitted
     again where the cause can't just be left out; None without that.
@@ -187,12 +187,13 @@ def _lost(fewer: HeldOutScore, best: HeldOutScore, result: SearchResult) -> floa
 
 
 def _may_be_nominal(name: str, intervals: Mapping[tuple[str, str], Interval]) -> bool:
-    """Whether the interval of every number of an effect holds its nominal value; entries of a list have none."""
+    """Whether the interval of every number of an effect holds its nominal value, but for numbers that change nothing
+    once these have it; entries of a list have none."""
     if has_list(get_effect(name)):
         return False
-    nominal = {parameter.name: parameter.identity for parameter in get_effect(name).parameters}
-    own = [(part, interval) for (effect, part), interval in intervals.items() if effect == name]
-    return bool(own) and all(abs(one.value - nominal[part]) <= one.half_width for part, one in own)
+    nominal = {one.name: one.identity for one in get_effect(name).parameters if not one.modifies}
+    own = {part: interval for (effect, part), interval in intervals.items() if effect == name and part in nominal}
+    return bool(own) and all(abs(one.value - nominal[part]) <= one.half_width for part, one in own.items())
 
 
 def veto_uncorrelated(context: SearchContext, result: SearchResult, decision: Decision) -> tuple[Decision, list[str]]:
