@@ -44,6 +44,10 @@ _BESIDE_LIGHT = 2
 _DECISIVE_SHARE = 0.3
 """[1] Of the excess, below which such a cause has to leave. Evidence: drawn benches: stray light left 0.03; a crosstalk
 and a fringing, which stood for dust that no cause describes, 0.4 and 0.7."""
+_MODEL_SHARE = 0.005
+"""[1] Of the nominal excess, which models of the same bench leave of each other: less isn't searched. Evidence: drawn
+benches: light that was right to a hundredth left 0.001 of it, for which a fringing and a crosstalk were named; stray
+light and a distance beside it 0.26 and 0.07."""
 _PART_ROUNDS = 2
 """[1] Searches in parts, of which the second follows if the first names other causes. Evidence: a reason: a third would
 change the light from beyond by the error of an error."""
@@ -248,7 +252,8 @@ def judge_light(
     starts = [best.fit.values]
     if best.excess < DECIDING_SHARE * nominal.excess:
         starts.append(with_or_without_unmodulated(best.fit.values))
-    policy = _LIGHT if light.after > NEAR_CORRELATION else _LIGHT_ALONE
+    is_worth_it = light.after > NEAR_CORRELATION and best.excess > _MODEL_SHARE * nominal.excess
+    policy = _LIGHT if is_worth_it else _LIGHT_ALONE
     if not found.was_ended and found.decision.verdict.is_open and (len(starts) > 1 or policy is _LIGHT):
         search = search_from(starts, policy)
         found = search(whole.left_out)
