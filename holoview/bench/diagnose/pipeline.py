@@ -295,7 +295,6 @@ def _search_light(
         return None
     request = request.within(clock)
     request = replace(request, uncertain={**uncertainties(window.captures), **request.uncertain})
-    light = replace(light, earlier=earlier)
     return _search(replace(records, captures=window.captures), request, 1.0, light)
 
 
@@ -404,8 +403,11 @@ def _search(records: CheckedRecords, request: _Request, share: float, light: Fou
         diagnosis = _search(records, replace(again, sampling=better, has_open_sampling=False), share, light)
         return replace(diagnosis, notes=(describe_better(better), *diagnosis.notes))
     again = replace(again, known=add_effect_values(request.known, put_right))
-    others = {name: own for name, own in outcome.result.best.fit.values.items() if name not in put_right}
-    diagnosis = _search(records, again, share, light and replace(light, values=others))
+    others, earlier = (
+        {name: own for name, own in values.items() if name not in put_right}
+        for values in (outcome.result.best.fit.values, light.earlier if light else {})
+    )
+    diagnosis = _search(records, again, share, light and replace(light, values=others, earlier=earlier))
     notes = (*correction_notes(put_right, request.uncertain), *diagnosis.notes)
     return replace(diagnosis, known=again.known, notes=notes)
 

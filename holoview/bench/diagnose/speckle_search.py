@@ -152,7 +152,9 @@ def find_light(
     if captures.gap_m and lengths.gap != 1:
         values["gap"] = {"gap_error": (lengths.gap - 1) * captures.gap_m}
     explained = None if beam is None else beam.explained
-    return FoundLight(values, before, search.held_out(point), losses, explained, was_ended, bool(pictures.parts))
+    after, is_of_parts = search.held_out(point), bool(pictures.parts)
+    causes = {name: dict(own) for name, own in earlier.items()}
+    return FoundLight(values, before, after, losses, explained, was_ended, is_of_parts, causes)
 
 
 @dataclass(frozen=True)

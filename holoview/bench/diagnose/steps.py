@@ -253,9 +253,9 @@ def judge_light(
     if best.excess < DECIDING_SHARE * nominal.excess:
         starts.append(with_or_without_unmodulated(best.fit.values))
     is_worth_it = light.after > NEAR_CORRELATION and best.excess > _MODEL_SHARE * nominal.excess
-    policy = _LIGHT if is_worth_it else _LIGHT_ALONE
-    if not found.was_ended and found.decision.verdict.is_open and (len(starts) > 1 or policy is _LIGHT):
-        search = search_from(starts, policy)
+    may_have_samples = view.has_open_sampling and not whole.data.captures.is_fourier
+    if found.decision.verdict.is_open and (len(starts) > 1 or is_worth_it or may_have_samples) and not found.was_ended:
+        search = search_from(starts, _LIGHT if is_worth_it else replace(_LIGHT, beside=Beside.NOTHING))
         found = search(whole.left_out)
     if found.better_sampling is not None:
         return found
