@@ -42,6 +42,7 @@ _WINDOW_PX = 320, 640
 _PART_PX = 192, 384  # [px] Of the brightest part of that window, where the search begins. Evidence: the cost.
 NEAR_CORRELATION = 0.9
 """[1] Of held-out speckle with the light that was found, above which further causes are searched beside it."""
+_MOST_THREADS = 4  # each of which holds the fields of an ascent. Evidence: the memory.
 _REGION = RegionConfig()
 _OF_TWO = "gap", "slm_alignment"
 _CAUSES = ("beam", "slm_flatness", "stroke", "undiffracted", "camera_black", "camera_alignment")
@@ -96,9 +97,9 @@ def light_by_speckle(
     """The light that makes the speckle of a window stand; None where none does.
 
     tell: is told why it wasn't sought. config: how large parts are. earlier: values of causes that another search has
-    found, from which this one goes on. threads: in which independent parts of the search run.
+    found, from which this one goes on. threads: in which independent parts of the search run, at most.
     """
-    captures, beam = window.captures, window.beam
+    captures, beam, threads = window.captures, window.beam, min(threads, _MOST_THREADS)
     if beam is None:
         whole, part = (Pictures(prepare_captures(one)) for one in (captures, window_of(captures, _PART_PX)))
         found = find_light(whole, part, progress, earlier=earlier, threads=threads)
