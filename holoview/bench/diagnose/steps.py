@@ -42,8 +42,8 @@ leaves a third lacks other things."""
 _BESIDE_LIGHT = 2
 """[causes] Searched beside light found by speckle, at most. Evidence: drawn benches: a blur and dust."""
 _DECISIVE_SHARE = 0.3
-"""[1] Of the excess, below which such a cause has to leave. Evidence: drawn benches: stray light left 0.03; a crosstalk
-and a fringing, which stood for dust that no cause describes, 0.4 and 0.7."""
+"""[1] Of the excess, below which such a cause has to leave. Evidence: drawn benches: stray light left 0.04; a crosstalk
+and a fringing that weren't there 0.4 and 0.7."""
 _MODEL_SHARE = 0.005
 """[1] Of the nominal excess, which models of the same bench leave of each other: less isn't searched. Evidence: drawn
 benches: light that was right to a hundredth left 0.001 of it, for which a fringing and a crosstalk were named; stray
