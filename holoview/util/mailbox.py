@@ -41,7 +41,7 @@ class Mailbox:
     def __init__(self, name: str, deliver: Deliver, on_begin: Callable[[int], None] = lambda number: None) -> None:
         self._name, self._deliver, self._on_begin = name, deliver, on_begin
         self._condition, self._waiting = Condition(), list[_Call]()
-        self._count = self._untaken = 0  # untaken: calls that were begun and whose results the owner hasn't got
+        self._count = self._untaken = 0  # untaken: calls that were begun and whose answers weren't given yet
         self._is_closed = False
         self._thread: Thread | None = None
 
@@ -129,10 +129,12 @@ class Mailbox:
 
     def _hand_over(self, answer: Callable[[], None]) -> None:
         """Called by the owner: takes what a call returned or raised, unless it was closed by then."""
-        with self._condition:
-            self._untaken -= 1
-        if not self._is_closed:
-            answer()
+        try:
+            if not self._is_closed:
+                answer()
+        finally:
+            with self._condition:  # not earlier: who sees that nothing is awaited any more finds what the answer left
+                self._untaken -= 1
 
 
 def are_same(one: Inputs, other: Inputs) -> bool:

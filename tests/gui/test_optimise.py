@@ -20,6 +20,7 @@ from holoview.viewer.app import app
 from holoview.viewer.app.panels.files import FilesPanel
 from holoview.viewer.app.panels.image import ImagePanel
 from holoview.viewer.app.panels.optimise import OptimisePanel
+from holoview.viewer.document import optimisation_job
 from holoview.viewer.document.file_loader import target_from_pixels
 from holoview.viewer.document.focus_edits import toggle_eye
 from holoview.viewer.document.optimisation_job import (
@@ -315,6 +316,7 @@ def test_a_target_that_the_window_builds_isnt_built_again(gui: Gui, monkeypatch:
         return build(*arguments)
 
     monkeypatch.setattr(TargetSpec, "build", counted)
+    monkeypatch.setattr(optimisation_job, "_LONGEST_WAIT_S", PATIENCE_S)
     gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 90, np.uint8), "grey"))
     gui.session.target_at()
     _choose(gui, iterations=1)

@@ -11,7 +11,7 @@ import pytest
 
 from holoview.util.mailbox import LatestTask, Mailbox
 from holoview.viewer.document.editing_session import CallQueue
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 Calls = list[str]
 
@@ -98,6 +98,17 @@ def test_it_is_busy_until_its_owner_has_all_results(owner: _Owner) -> None:
     assert owner.worker.is_busy and owner.worker.is_superseded, "a call waits behind that which is being made"
     owner.finish()
     assert not owner.worker.is_busy and not owner.worker.is_superseded
+
+
+def test_it_is_busy_while_its_owner_takes_a_result(owner: _Owner) -> None:
+    """Another thread that sees it idle finds what the owner made of the result."""
+    owner.finish()
+    was_busy: list[bool] = []
+    owner.worker.submit(lambda: None, lambda result: was_busy.append(owner.worker.is_busy), lambda error: None)
+    wait_until(lambda: not owner.queue.is_empty)
+    for call in owner.queue.drain():
+        call()
+    assert was_busy == [True] and not owner.worker.is_busy
 
 
 def test_a_call_waits_for_its_delay_and_lets_later_calls_pass() -> None:

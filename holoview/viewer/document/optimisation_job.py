@@ -216,11 +216,16 @@ class OptimisationJob(BackgroundJob):
     ) -> NDArray[np.float32] | StacksAt:
         """The stacks that an eye sees from places of its pupil; from its own, those that the window has or builds."""
         is_moved, builder = places.drawn or places.fixed, self._session.target_builder
-        built, until = None if is_moved else builder.built_stack(target_spec, system), monotonic() + _LONGEST_WAIT_S
-        while not is_moved and built is None and builder.is_building and monotonic() < until:
-            self.control.sleep(_POLL_S)
+        until = monotonic() + _LONGEST_WAIT_S
+        while not is_moved:
+            is_awaited = builder.is_building and monotonic() < until  # first: the last build may end meanwhile
             built = builder.built_stack(target_spec, system)
-        return target_at_places(target_spec, system, places) if built is None else built
+            if built is not None:
+                return built
+            if not is_awaited:
+                break
+            self.control.sleep(_POLL_S)
+        return target_at_places(target_spec, system, places)
 
     def _report(self, control: JobControl, state: IterationState) -> None:
         progress = OptimisationProgress(
