@@ -84,7 +84,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     duration = parser.add_mutually_exclusive_group()
     add_fields(duration, DiagnosisOptions, "time", "thorough")
-    add_fields(parser, SamplingConfig, "finer", "padding", "points")
+    add_fields(parser, SamplingConfig, "finer", "padding", "points", "has_weighted_stops")
     workers = min(process_cpu_count(), _MAX_DEFAULT_WORKERS)
     add_fields(parser, DiagnosisOptions, "workers", defaults={"workers": workers})
 

@@ -42,9 +42,11 @@ def test_a_cause_that_takes_no_more_than_chosen_samples_may_leave_is_not_named(m
         assert decision.best is not None and decision.best.causes == ("tilt",)
 
 
-def test_finer_samples_may_leave_a_fifteenth_of_what_they_took_and_kinds_of_pixels_nothing() -> None:
-    assert ChosenSampling(SamplingConfig(2, 3, AREA), 1.04, 1.79).may_leave == pytest.approx(0.05)
-    assert ChosenSampling(SamplingConfig(points=AREA), 1.04, 1.79).may_leave == 0
+def test_finer_samples_may_leave_a_share_of_what_they_took_and_kinds_of_pixels_nothing() -> None:
+    assert ChosenSampling(SamplingConfig(2, 3, AREA), 1.04, 9.0, 1.79).may_leave == pytest.approx(0.15)
+    weighted = SamplingConfig(2, 3, AREA, has_weighted_stops=True)
+    assert ChosenSampling(weighted, 1.04, 9.0, 1.79).may_leave == pytest.approx(0.05)
+    assert ChosenSampling(SamplingConfig(points=AREA), 1.04, 1.79, 1.04).may_leave == 0
 
 
 @pytest.mark.parametrize(("of_cause", "is_taken"), [(0.0, True), (1.0, True), (3.0, True), (8.0, False), (1e3, False)])
@@ -77,6 +79,6 @@ def test_finer_samples_are_tried_beside_causes_before_further_ones(
     result = rank_on_held_out(context, [CandidateFit(tuple(values), values, 0.0)])
     found = samples_that_explain(context, result)
     assert (found is not None) == (size == 1.0)
-    assert found is None or (found.points == AREA and found.finer > 1)
+    assert found is None or (found.points == AREA and (found.finer > 1 or found.has_weighted_stops))
     assert samples_that_explain(replace(context, has_open_sampling=False), result) is None  # the captures state them
     assert samples_that_explain(replace(context, sampling=SamplingConfig(points=AREA)), result) is None

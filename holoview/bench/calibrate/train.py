@@ -145,6 +145,7 @@ class CalibrationSettings:
     finer: int = same_field(SamplingConfig, "finer")
     padding: int = same_field(SamplingConfig, "padding")
     points: int | None = same_field(SamplingConfig, "points")
+    has_weighted_stops: bool = same_field(SamplingConfig, "has_weighted_stops")
 
     def __post_init__(self) -> None:
         validate(self)
@@ -152,7 +153,7 @@ class CalibrationSettings:
     @property
     def sampling(self) -> SamplingConfig:
         """How finely the bench is sampled."""
-        return SamplingConfig(self.finer, self.padding, self.points)
+        return SamplingConfig(self.finer, self.padding, self.points, self.has_weighted_stops)
 
 
 Indices = NDArray[np.intp]

@@ -34,7 +34,7 @@ from holoview.bench.captures.dataset import Captures
 from holoview.light.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.light.model.effects.hook_contexts import CameraContext
 from holoview.light.model.effects.registry import ActiveEffects, EffectTable, EffectValues, unmet_by_data
-from holoview.light.model.fields import Integer, Maybe, described_field
+from holoview.light.model.fields import Integer, Maybe, Truth, described_field
 from holoview.light.model.plan import Plan, make_plan
 from holoview.light.model.system import System
 from holoview.light.model.validity import check_plan
@@ -101,6 +101,12 @@ class SamplingConfig:
         "Points each way that a camera pixel averages, or its area; as the captures state or show if absent.",
         default=None,
     )
+    has_weighted_stops: bool = described_field(
+        Truth(),
+        "Frequencies at the edge of a stop pass by the share of their cell that is inside: nearer to a real stop.",
+        flag="weighted-stops",
+        default=False,
+    )
 
     @property
     def samples_factor(self) -> int:
@@ -128,6 +134,7 @@ class SamplingConfig:
         """The settings that differ from the defaults."""
         parts = ["finer samples"] if self.finer > 1 else []
         parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
+        parts += ["stops whose edges pass in part"] if self.has_weighted_stops else []
         of_pixels = {AREA: "camera pixels that integrate", 1: "light at the middle of camera pixels"}
         parts += [] if self.points is None else [of_pixels.get(self.points, "several points of a camera pixel")]
         return " and ".join(parts)
@@ -136,7 +143,8 @@ class SamplingConfig:
     def cli_options(self) -> str:
         """The options of `holoview diagnose` and `calibrate` that choose this sampling."""
         points = "" if self.points is None else f" --points {self.points or 'area'}"
-        return f"--finer {self.finer} --padding {self.padding}{points}"
+        stops = " --weighted-stops" if self.has_weighted_stops else ""
+        return f"--finer {self.finer} --padding {self.padding}{points}{stops}"
 
 
 PLAIN = SamplingConfig()

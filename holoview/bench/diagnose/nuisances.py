@@ -37,7 +37,7 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison, Values, mean_is_significant
-from holoview.bench.diagnose.sampling_choice import MOST_BY_SAMPLES, finer_samples, other_samplings
+from holoview.bench.diagnose.sampling_choice import MOST_BY_SAMPLES, finer_samples, further_samples, other_samplings
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.numerics.sampling import AREA
 
@@ -155,14 +155,15 @@ def drop_sampling_artefacts(
     is_open = context.has_open_sampling
     if decision.verdict is Verdict.CONSISTENT or (at_noise and not is_open):
         return decision, [], None
-    nominal = result.nominal
-    may_leave = context.left_by_samples
-    if may_leave and nominal.excess <= math.hypot(jitter_excess(result.pixel_count), may_leave):
+    if may_be_samples(context, result.nominal.excess, result.pixel_count):
         note = (
             f"Nothing is named: of finer samples that were assumed, still finer ones may take what the nominal bench "
-            f"leaves (χ²/n {nominal.chi2_per_pixel:.4g}, of which {may_leave:.2g} may be theirs)."
+            f"leaves (χ²/n {result.nominal.chi2_per_pixel:.4g}, of which {context.left_by_samples:.2g} may be theirs)."
         )
         return Decision(Verdict.CONSISTENT, None), [note], None
+    notes = []
+    if best is not None and not at_noise and may_be_samples(context, best.excess, result.pixel_count):
+        notes.append(f"Of what is left, still finer samples than those assumed may take {context.left_by_samples:.2g}.")
     comparison = _check_comparison(context, decision)
     alternatives = _alternative_comparisons(context, comparison, at_noise)
     needed_gain = (-1.0 if at_noise else 1.0) * config.verdict.min_delta_chi2
@@ -174,7 +175,7 @@ def drop_sampling_artefacts(
         fewer = best.fit.without(found[0])
         best = score_on_held_out(fewer, result.comparison, result.tolerant_comparison) if fewer.causes else None
     as_much = "as much as" if at_noise else "more than"
-    notes = [f"{name} is not named: other samples of the same bench explain {as_much} it does." for name in dropped]
+    notes += [f"{name} is not named: other samples of the same bench explain {as_much} it does." for name in dropped]
     if dropped:
         decision = Decision(Verdict.PARTLY if best else Verdict.UNEXPLAINED, best)
     if decision.verdict in (Verdict.PARTLY, Verdict.UNEXPLAINED):
@@ -184,6 +185,13 @@ def drop_sampling_artefacts(
     if context.data.captures.chain is None:
         is_open &= better is not None and (better.points == AREA) != (context.sampling.points == AREA)
     return decision, notes, better if is_open and decision.verdict is not Verdict.CONSISTENT else None
+
+
+def may_be_samples(context: SearchContext, excess: float, pixels: float) -> bool:
+    """Whether an excess of χ²/n over so many pixels is no more than still finer samples than those that were chosen may
+    take."""
+    may_leave = context.left_by_samples
+    return may_leave > 0 and excess <= math.hypot(jitter_excess(pixels), may_leave)
 
 
 def samples_that_explain(context: SearchContext, result: SearchResult) -> SamplingConfig | None:
@@ -201,8 +209,22 @@ def samples_that_explain(context: SearchContext, result: SearchResult) -> Sampli
         alternatives = _alternative_comparisons(context, comparison, only_pixels=False)
         return _credit_sampling(context.config, comparison, alternatives, decision, result.best.fit.values)[2]
     if context.sampling != PLAIN:
-        return None
+        return _further_near(context, result.best)
     return next(filter(None, (_explaining_near(context, one) for one in result.candidates[:_NEAR_CANDIDATES])), None)
+
+
+def _further_near(context: SearchContext, best: HeldOutScore) -> SamplingConfig | None:
+    """Samples finer than those that were chosen, where the best candidate leaves what they take."""
+    comparison, values = _check_comparison(context, Decision(Verdict.PARTLY, best)), best.fit.values
+    if context.relative_model_error(values, comparison.indices) > MOST_BY_SAMPLES:
+        return None
+
+    def measured(sampling: SamplingConfig) -> float:
+        finer = context.predictor.create(**sampling.keywords, cache_mb=_CACHE_MB)
+        return comparison.with_predictor(finer).chi2_per_pixel(values)
+
+    left, pixels = comparison.chi2_per_pixel(values), comparison.pixel_count
+    return further_samples(context.data.captures, context.sampling, left, pixels, measured)
 
 
 def _explaining_near(context: SearchContext, candidate: HeldOutScore) -> SamplingConfig | None:

@@ -31,7 +31,12 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison
-from holoview.bench.diagnose.nuisances import detect_nuisances, excuse_laser_drift, samples_that_explain
+from holoview.bench.diagnose.nuisances import (
+    detect_nuisances,
+    excuse_laser_drift,
+    may_be_samples,
+    samples_that_explain,
+)
 from holoview.bench.diagnose.power_law import changes_only_power
 from holoview.bench.diagnose.refine import (
     SETTLED_SHARE,
@@ -160,11 +165,13 @@ class InitialCandidates:
 def find_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
     """The context with the nuisances found, and the candidates ranked with them, rivals among them.
 
-    No search is begun where movements of the camera alone explain the captures.
+    No search is begun where movements of the camera alone explain the captures, or where samples may.
     """
     context = detect_nuisances(context, {})
     nothing = rank_on_held_out(context, [])
-    if context.has_camera_jitter and _is_consistent(context, nothing):
+    if (context.has_camera_jitter and _is_consistent(context, nothing)) or may_be_samples(
+        context, nothing.nominal.excess, nothing.pixel_count
+    ):
         return context, nothing
     result = select_causes(context, _visible_effects(context), progress)
     if result.better_sampling is not None:
@@ -261,6 +268,8 @@ def _with_further_causes(
     for number in range(max(len(result.best.causes), 1) + 1, most + 1):
         if is_at_floor(result) or not result.candidates or context.budget_exhausted:
             break
+        if may_be_samples(context, result.best.excess, result.pixel_count):
+            break
         if better := samples_that_explain(context, result):
             return replace(result, better_sampling=better)
         wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
@@ -304,9 +313,14 @@ def _search_single_causes(
         else:
             result = refine_leaders_along_axes(context, result)
         is_first_round = False
-        if is_settled(result) or (len(result.best.causes) > 1 and is_at_floor(result)):
+        if _is_settled(context, result) or (len(result.best.causes) > 1 and is_at_floor(result)):
             break
     return result
+
+
+def _is_settled(context: SearchContext, result: SearchResult) -> bool:
+    """Whether other causes can't leave much less, or what is left may be of samples."""
+    return is_settled(result) or may_be_samples(context, result.best.excess, result.pixel_count)
 
 
 def _tell_early(
@@ -340,7 +354,7 @@ def _search_second_causes_early(
         return replace(result, better_sampling=better)
     if not is_settled(result) and (costly := with_costly_in_place(context, result, effects)):
         result = rank_on_held_out(context, [*costly, *(c.fit for c in result.candidates)])
-    if is_settled(result):
+    if _is_settled(context, result):
         return result
     result = _search_further_causes(context, result, 2, effects, progress)
     is_over = is_at_floor(result) or context.budget_exhausted
