@@ -123,6 +123,7 @@ def test_criteria_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
     assert found.traffic_bytes == 6 * wide + 4 * narrow + 2 * pixels // 4 + pixels
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> None:
     if TIMESTAMPS not in device.features:
@@ -218,12 +219,14 @@ def test_first_images_come_from_processes_of_their_own(device: Device) -> None:
     assert all(len(job.seconds) == 1 and job.seconds[0] > 0 for job in timings.values())
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_a_first_image_that_fails_says_why(device: Device) -> None:
     with pytest.raises(RuntimeError, match="no adapter is called 'nonesuch'"):
         frame_benchmark.first_image_criterion(_system(), "nonesuch")
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_the_command_prints_a_table_and_json(
     device: Device, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -113,6 +113,7 @@ def test_an_interruption_ends_it_without_a_result() -> None:
     assert time_to_quality(_work(), QualityRun(long=5, interruption=interruption)) is None
 
 
+@pytest.mark.long
 def test_the_command_states_the_goal_the_times_and_the_machine(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["bench", "--optimiser", "--size", "48x32", "--long", "10", "--rounds", "1"]
     assert main([*arguments, "--json"]) == 0

@@ -92,6 +92,7 @@ def test_levels_rise_strictly_as_a_modulator_states_them() -> None:
     assert (np.diff(fractions) > 0).all()
 
 
+@pytest.mark.long
 def test_a_real_modulator_at_820_nm() -> None:
     lut = fit_lut(read_sweep(REAL))
     assert lut.linear_2pi == pytest.approx(0.33, abs=0.01)

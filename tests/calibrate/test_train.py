@@ -125,6 +125,7 @@ def test_gradients_are_those_of_finite_differences(small: Captures) -> None:
         assert float((gradients[name].detach() * direction).sum()) == pytest.approx(slope, rel=2e-4, abs=1e-8), name
 
 
+@pytest.mark.long
 def test_resuming_goes_on_bit_for_bit(small: Captures, tmp_path: Path) -> None:
     split = split_captures(small)
     layout, settings = map_layout_for(small, split.train), CalibrationSettings(epochs=4, batch=2)

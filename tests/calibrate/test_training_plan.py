@@ -36,6 +36,7 @@ def test_maps_of_a_relay_end_where_light_of_every_wavelength_ends(relay: Relay, 
     assert (layout.sine1, layout.sine2) == (pytest.approx(radius), 0.03)
 
 
+@pytest.mark.long
 def test_maps_are_centred_where_the_stops_are() -> None:
     layout = map_layout_for(pictures(), pictures().wavelength_m.argsort())
     generator = torch.Generator().manual_seed(0)

@@ -70,6 +70,7 @@ def test_a_calibrated_bench_renders(holoview: Callable[..., Any], captures: Path
     assert holoview("render", "c.toml", "--backend", "torch", "-o", "c.png").code == 0
 
 
+@pytest.mark.long
 def test_a_bench_is_sampled_as_finely_as_asked(holoview: Callable[..., Any], tmp_path: Path) -> None:
     """Captures that were computed with finer samples fit a bench without errors when it is sampled like that."""
     _measure(tmp_path / "f.h5", {}, captures_per_condition=4, finer=2)

@@ -59,6 +59,7 @@ def test_noise_is_that_of_the_camera(holoview: Run) -> None:
         assert chi2 == pytest.approx(1.0, abs=5 * (2 / seen.size) ** 0.5)  # 5 σ of χ²/n
 
 
+@pytest.mark.long
 def test_a_check_tells_what_is_there_and_what_it_cant_tell(holoview: Run) -> None:
     _make(holoview, "a.h5")
     outcome = holoview("captures", "check", "a.h5")
@@ -224,6 +225,7 @@ def test_left_justified_pictures_are_imported_as_the_camera_counted(holoview: Ru
     assert refused.code == 2 and "state bit_depth = 12" in refused.err
 
 
+@pytest.mark.long
 def test_a_table_with_semicolons_and_decimal_commas_is_imported(holoview: Run, tmp_path: Path) -> None:
     captures = _make(holoview, "a.h5")
     folder = _folder(captures, tmp_path / "f")
@@ -255,6 +257,7 @@ def _far_field_files(seeds: list[int], bench: FarField = BENCH) -> list[str]:
 GEOMETRY = ("--wavelength", "532nm", "--pitch", "36um", "--camera-pitch", "12um", "--focal-length", "255mm")
 
 
+@pytest.mark.long
 def test_pictures_and_patterns_become_captures_that_say_what_was_assumed(holoview: Run) -> None:
     arguments = _far_field_files([31, 32], SMALL_BENCH)
     mask = np.full(SMALL_BENCH.shape, 255, np.uint8)

@@ -221,6 +221,7 @@ def test_an_optimisation_tells_what_flatters_it(holoview: Callable[..., Any], ch
     assert "note: the field is 0.192 mm wide" in done.err
 
 
+@pytest.mark.long
 def test_contrast_and_report_state_what_the_optimiser_states(holoview: Callable[..., Any], chain: Path) -> None:
     """The number of `optimise` is that of `contrast`, of `report` and of a sweep: one method, of a chain too."""
     options = ("picture.png", "--iterations", 12, "-o", "found.safetensors", "--json")
@@ -244,6 +245,7 @@ def test_contrast_and_report_state_what_the_optimiser_states(holoview: Callable[
     assert points[0]["contrast"] == pytest.approx(measured["contrast"], rel=1e-12)
 
 
+@pytest.mark.long
 def test_a_chain_is_swept_optimised_anew_and_has_tolerances(holoview: Callable[..., Any], chain: Path) -> None:
     way = ("--set", "elements.space.distance=0.5mm:1.5mm:3")
     target = ("--target", "picture.png")

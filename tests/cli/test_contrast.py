@@ -99,6 +99,7 @@ def test_where_the_target_is_not_shown_it_is_withheld(
     assert f"raw it is {plain['contrast']:.4f}" in said and "visible?" not in said
 
 
+@pytest.mark.long
 def test_the_contrast_by_pupil_is_measured_beside_the_target(
     hologram: hv.Hologram, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -213,6 +214,7 @@ def captures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_lasers_of_a_capture_file_are_told_as_of_a_hologram(captures: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = _json(capsys, "c.h5", "--scatter", "s.png")
     together = found["together"]

@@ -370,6 +370,7 @@ def test_two_exchanged_captures_are_no_all_clear(holoview: Run, tmp_path: Path) 
     assert told["captures"] == 12
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_an_interrupt_gives_the_best_so_far(interrupted: Run, tmp_path: Path) -> None:
     faults = {"bandwidth": {"sigma": 4e-9}, "gap": {"gap_error": 2e-4}}

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from holoview.bench.captures import write_captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.light.model import preset
@@ -15,6 +17,7 @@ Run = Callable[..., Any]
 GAP_ERROR_M = 1.08e-4
 
 
+@pytest.mark.long
 def test_a_preset_keeps_what_is_known_beside_what_is_found(holoview: Run, tmp_path: Path) -> None:
     settings = AcquisitionSettings(captures_per_condition=6, seed=3)
     write_captures(tmp_path / "c.h5", make_captures(small_system(), {"gap": {"gap_error": GAP_ERROR_M}}, settings))

@@ -78,6 +78,7 @@ def test_where_nothing_is_sharp_no_distance_is_named(tmp_path: Path, capsys: pyt
     assert found["distance_m"] is None
 
 
+@pytest.mark.long
 def test_the_object_of_an_in_line_recording_is_told_with_its_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

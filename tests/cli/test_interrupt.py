@@ -22,6 +22,7 @@ from tests.patience import PATIENCE_S
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 
 
+@pytest.mark.long
 def test_the_optimiser_keeps_its_best_so_far(
     interrupted_program: Callable[..., Any], tmp_path: Path, picture: Path
 ) -> None:

@@ -33,6 +33,7 @@ def hidden(tmp_path: Path) -> Path:
 MEASURE = ("measure", "rig.toml", "--plan", "plan.toml", "-o", "X.h5")
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_a_session_is_taken_checked_and_not_taken_twice(holoview: Run, tmp_path: Path) -> None:
     outcome = holoview(*MEASURE)
     assert (outcome.code, outcome.out) == (0, "X.h5: 6 captures of 2 wavelengths\n")
@@ -55,6 +56,7 @@ def test_a_dry_run_opens_and_writes_nothing(holoview: Run, tmp_path: Path, monke
     assert "450 nm: 3 captures" in outcome.out and sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.usefixtures("bench_here")
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.explores)]
 )

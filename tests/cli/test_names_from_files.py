@@ -39,6 +39,7 @@ HOSTILE = [
 ]
 
 
+@pytest.mark.long
 @given(NAMES, NAMES, st.sampled_from([".png", ".safetensors"]))
 @example("../victim", "", ".png")
 @_SETTINGS

@@ -76,6 +76,7 @@ def test_optimize_is_the_same_command(holoview: Run, tmp_path: Path, picture: Pa
     assert a.system == b.system
 
 
+@pytest.mark.long
 def test_more_iterations_and_a_start_come_closer_to_the_picture(holoview: Run, picture: Path) -> None:
     def psnr_db(*arguments: str) -> float:
         out = holoview("optimise", "holochrome-8", picture, *QUICK, *arguments, "--json").out
@@ -112,6 +113,7 @@ def test_a_picture_with_a_black_middle_is_scored_all_over(holoview: Run, tmp_pat
     assert json.loads(outcome.out)["speckle_contrast"] > 0
 
 
+@pytest.mark.long
 def test_the_contrast_of_the_scores_is_that_of_the_command_contrast(
     holoview: Run, tmp_path: Path, picture: Path
 ) -> None:

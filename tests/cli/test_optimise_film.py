@@ -52,6 +52,7 @@ def test_each_picture_gets_a_hologram_that_begins_with_the_last(holoview: Run, t
     assert np.abs(_drives(tmp_path / "cold")[0] - drives[0]).max() > 0.5
 
 
+@pytest.mark.long
 def test_the_first_picture_gets_200_iterations_unless_told_otherwise(holoview: Run, tmp_path: Path, film: Path) -> None:
     small = ("--set", "shape=[8,8]", "-o")
     assert holoview("optimise", "simultaneous", film, "--film", "--next-iterations", "1", *small, "out").code == 0

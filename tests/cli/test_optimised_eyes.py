@@ -41,6 +41,7 @@ def test_drawn_places_are_scored_at_others_focused_between_the_planes_too(holovi
     assert "pupil_psnr_db" not in found
 
 
+@pytest.mark.long
 def test_a_draw_is_resumed_from_its_checkpoint(holoview: Run, tmp_path: Path) -> None:
     drawn = ("orange.png", "--pupils", "random:2:0.5mm")
     whole = _scores(holoview, tmp_path, *drawn)

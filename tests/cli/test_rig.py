@@ -1,4 +1,4 @@
-"""`holoview rig` on a virtual bench in a process of its own."""
+"""`holoview rig` on a virtual bench: once in a process of its own, elsewhere in this one."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tests.rig.align.hidden_bench import Hidden
 from tests.rig.conftest import write_rig
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_align_writes_where_things_are_and_show_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hidden = Hidden("one", (40, 40), camera="flip_y", magnification=0.03, offset_m=0.2e-3)
     path = str(hidden.write(tmp_path).path)
@@ -45,6 +46,7 @@ def test_a_rig_whose_devices_cannot_be_opened_is_one_line(tmp_path: Path, capsys
     assert "virtuel" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_a_table_is_measured_verified_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A modulator whose stroke is 5 % shorter than stated, in one light; 24 levels leave 0.02 π."""
     slm = {"device": "virtual", "shape": [16, 32], "pitch": "8 um", "num_levels": 256, "opd_range": "825 nm"}
@@ -68,6 +70,7 @@ def test_a_table_is_measured_verified_and_written(tmp_path: Path, capsys: pytest
     assert "one of 520 nm" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_settling_is_measured_and_written_beside_the_other_keys(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,6 +90,7 @@ def test_settling_is_measured_and_written_beside_the_other_keys(
     assert written.replace(settle[0], "settle = 0.01  # s, guessed") == text
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_settling_that_no_picture_shows_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Right behind a modulator a phase has no contrast."""
     rig = write_rig(tmp_path / "rig.toml", {"slm2": None, "geometry": {}, "limits.stage": ["0 mm", "0 mm"]})

@@ -99,6 +99,7 @@ def test_a_contrast_that_is_withheld_is_said(holoview: Holoview, picture: Path) 
     assert Path("s.png").stat().st_size > 0
 
 
+@pytest.mark.long
 def test_a_sweep_goes_on_where_it_was_and_computes_anew_what_changed(holoview: Holoview, picture: Path) -> None:
     command = ("sweep", *BENCH, "--set", "gap=1mm:2mm:2", "--target", picture, "--measure", "psnr", "-o", "s.csv")
     assert holoview(*command).code == 0
@@ -148,6 +149,7 @@ def test_an_interrupted_sweep_keeps_its_points_in_the_table(
     assert [row["gap (mm)"] for row in table(Path("s.csv"))] == ["1.0", "2.0", "3.0"]
 
 
+@pytest.mark.long
 def test_a_row_begins_with_neighbours_patterns_and_other_parameters_don_t_mix(tmp_path: Path, picture: Path) -> None:
     """Each start is the drive of the neighbour with the same other parameters; the first is found again."""
     sweep = ParameterSweep(small(), ("psnr",), target=SweptTarget(str(picture)), settings=Settings(iterations=1))
@@ -198,6 +200,7 @@ def test_worse_is_higher_for_contrast_and_lower_for_psnr() -> None:
     assert parse_tolerance("psnr = 0.5 dB") == Tolerance("psnr", 0.5)
 
 
+@pytest.mark.long
 def test_the_tolerance_of_a_hologram_is_where_it_loses_so_much(holoview: Holoview, picture: Path) -> None:
     """On a bench: at the limits that are found the hologram has lost 0.5 dB within a hundredth of it."""
     made = holoview("optimise", "simultaneous", picture, *BENCH[1:], "--iterations", 15, "-o", "h.safetensors")

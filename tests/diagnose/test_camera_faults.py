@@ -117,5 +117,6 @@ def test_a_fault_of_the_camera_is_named_and_measured(tmp_path: Path, case: Case)
         assert abs(interval.value - true) <= FAIL_AT * interval.half_width, (key, true, interval)
 
 
+@pytest.mark.long
 def test_a_camera_without_faults_is_consistent(tmp_path: Path) -> None:
     assert _causes(tmp_path, CLEAN) == (Verdict.CONSISTENT, ())

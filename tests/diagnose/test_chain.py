@@ -24,6 +24,7 @@ from tests.diagnose.independent_chain import (
     nominal,
     on_camera,
 )
+from tests.explored import explored
 
 KINDS = [*((kind, False) for kind in OF_AMPLITUDE), *((kind, True) for kind in OF_MASK)]
 AS_PREDICTED = Simulation(2, 2, integrates=False)
@@ -52,7 +53,10 @@ def test_a_hidden_fault_of_a_chain_is_named_with_its_size(kind: str, is_mask: bo
 
 @pytest.mark.parametrize(
     ("kind", "by"),
-    [("pixel", AS_PREDICTED), pytest.param("column", USUAL, marks=pytest.mark.explores)],
+    [
+        pytest.param("pixel", AS_PREDICTED, marks=pytest.mark.long),
+        pytest.param("column", USUAL, marks=pytest.mark.explores),
+    ],
 )
 def test_a_stuck_part_of_a_modulator_of_a_chain_is_named_with_its_place_and_level(kind: str, by: Simulation) -> None:
     rng = np.random.default_rng([12, STUCK.index(kind)])
@@ -101,7 +105,7 @@ def test_pixels_of_the_simulation_have_the_exact_mean_of_their_light(fine: int, 
     np.testing.assert_allclose(found, expected[PIXELS:-PIXELS, PIXELS:-PIXELS], atol=1e-12)
 
 
-@pytest.mark.parametrize("integrates", [True, False])
+@pytest.mark.parametrize("integrates", explored([True, False], 1))
 def test_the_samples_of_a_chain_without_a_fault_are_found(integrates: bool) -> None:
     by = Simulation(integrates=integrates)
     captures = captures_with(None, True, np.random.default_rng([9, integrates]), by)

@@ -55,6 +55,7 @@ def test_an_extended_source_is_found_beside_a_true_blur(make_context: MakeContex
     assert {*best.causes} == hidden.keys() and best.chi2_per_pixel < JITTER_CHI2
 
 
+@pytest.mark.long
 def test_a_source_is_not_kept_beside_a_blur_where_there_is_none(make_context: MakeContext) -> None:
     """What a second cause, here light of the other polarisation, leaves isn't given to the source."""
     blur = {"sigma": 1.6}

@@ -38,6 +38,7 @@ def test_both_radius_and_shift_are_scanned(make_context: MakeContext) -> None:
     _assert_found(found.values["iris1"])
 
 
+@pytest.mark.long
 def test_a_stop_that_was_taken_for_another_is_searched_anew(make_context: MakeContext) -> None:
     context = make_context(TRUTH)
     base = CandidateFit(("iris1",), {"iris1": WRONG}, 0.0)

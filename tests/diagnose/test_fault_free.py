@@ -48,7 +48,7 @@ def _diagnosed(captures: Captures) -> Diagnosis:
     return diagnose(captures, [EFFECTS[n] for n in FEW], workers=1, free_maps=False)
 
 
-@pytest.mark.parametrize("seed", explored(range(KINDS), 3))
+@pytest.mark.parametrize("seed", explored(range(KINDS), 1))
 def test_a_bench_without_a_fault_is_consistent(seed: int) -> None:
     """A file is called anything else with a chance of 1e-6, and one of its captures is blamed with 1e-6 at most."""
     found = solve(seed, SMALLEST, [EFFECTS[n] for n in FEW])
@@ -58,7 +58,7 @@ def test_a_bench_without_a_fault_is_consistent(seed: int) -> None:
 @pytest.mark.parametrize(
     "kind, noise",
     [
-        ("picture", 5),
+        pytest.param("picture", 5, marks=pytest.mark.explores),
         *(pytest.param(k, 3, marks=() if k == "near" else pytest.mark.explores) for k in real_benches.KINDS),
     ],
 )
@@ -92,7 +92,7 @@ def test_nor_is_any_effect_found_in_it(seed: int) -> None:
     assert found.is_right, found
 
 
-@pytest.mark.parametrize("first", explored(range(0, 8 * KINDS, KINDS), 2))
+@pytest.mark.parametrize("first", explored(range(0, 8 * KINDS, KINDS), 1))
 def test_no_capture_of_such_a_bench_stands_out(first: int) -> None:
     """Before a search and after it; of every kind, and larger."""
     for seed in range(first, first + KINDS):
@@ -116,7 +116,7 @@ def test_no_capture_of_such_a_bench_stands_out(first: int) -> None:
             FourierLaboratory(smoothness_px=(6.0,), full_well=2000.0),
             FourierLaboratory(shape=(64, 48), focal_length_m=0.4, wavelengths_m=(450e-9, 520e-9, 600e-9)),
         ],
-        2,
+        1,
     ),
 )
 def test_nor_is_one_that_an_independent_program_measured(lab: FourierLaboratory, tmp_path: Path) -> None:
@@ -155,6 +155,7 @@ def test_bad_captures_of_a_fourier_bench_are_found(
     assert found.verdict is Verdict.CONSISTENT
 
 
+@pytest.mark.long
 def test_defocus_is_told_within_the_steps_of_the_depth_of_field(tmp_path: Path) -> None:
     """On a Fourier bench the depth is that of light from the modulator's edge: 4λf²/W², here 10 mm. Steps are factors
     of two, of which the nearest on a scale of logarithms is within √2."""

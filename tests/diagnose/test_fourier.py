@@ -53,6 +53,7 @@ def test_it_is_diagnosed_beside_its_saturated_zero_order(effects: dict[str, dict
     assert found.after.chi2_per_pixel == pytest.approx(1.0, abs=0.05) and found.before.chi2_per_pixel > 2
 
 
+@pytest.mark.long
 def test_one_modulator_in_the_near_field_has_no_rivals_between_two() -> None:
     captures = make_captures(small_system(1), {"stroke": {"stroke_error": 0.1}}, AcquisitionSettings(6, seed=1))
     candidates = [listed_effects()[n] for n in ("stroke", "camera_black", "gap", "slm_alignment", "iris1", "stage")]
@@ -61,6 +62,7 @@ def test_one_modulator_in_the_near_field_has_no_rivals_between_two() -> None:
     assert not any({"gap", "slm_alignment", "iris1"} & {*names} for names in found.rivals)
 
 
+@pytest.mark.long
 def test_a_zero_order_that_is_saturated_isnt_a_fault() -> None:
     few = [listed_effects()[n] for n in ("stroke", "undiffracted", "camera_black", "dc_block", "camera_gamma")]
     found = diagnose(_measured({}, 3), few, workers=1, free_maps=False)
@@ -94,6 +96,7 @@ def _averaged(effects: dict[str, dict[str, float]], seed: int) -> Captures:
 FEW = ("stroke", "camera_blur", "camera_black", "tilt")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effects", explored([{}, {"camera_blur": {"sigma": 3.0}}, {"stroke": {"stroke_error": 0.1}}], 2)
 )
@@ -120,6 +123,7 @@ def test_captures_that_sample_points_are_consistent_whether_they_state_it_or_not
     assert bool(assumed) is not states
 
 
+@pytest.mark.long
 def test_free_maps_are_fitted_where_no_candidate_explains_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """One step at each place that such a bench has: there is no pupil behind its modulator."""
     session = AcquisitionSettings(

@@ -140,6 +140,7 @@ def test_maps_of_a_chain_lie_over_the_pixels_of_their_element(of_chain: Captures
     assert placed_map(surface, "camera", of_chain).axis == "camera pixels"
 
 
+@pytest.mark.long
 def test_maps_end_with_their_time_each_after_a_step() -> None:
     """Without any time each place still has a step, which lowers what is left; it says that it was ended."""
     hidden = {"slm_flatness": {"z5_1": 60e-9}}

@@ -71,6 +71,7 @@ def _text(folder: Path, found: Diagnosis, gain: DisplayGain | None = None) -> st
     return " ".join(text.split())
 
 
+@pytest.mark.long
 def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
     text = _text(tmp_path, found)
     for words in (
@@ -107,6 +108,7 @@ def test_what_a_diagnosis_lacks_has_no_heading(tmp_path: Path, found: Diagnosis)
         assert words not in text
 
 
+@pytest.mark.long
 def test_the_gain_on_the_display_is_shown_with_its_picture(tmp_path: Path, found: Diagnosis) -> None:
     text = _text(tmp_path, found, DisplayGain(20.0, 23.5, 40, b"sheet"))
     assert (

@@ -144,6 +144,7 @@ def _sample(name: str) -> Diagnosis:
     return diagnose(read_captures(SAMPLES / f"{name}.h5"), workers=1, free_maps=False)
 
 
+@pytest.mark.long
 def test_a_sample_without_faults_is_consistent() -> None:
     found = _sample("sample_consistent")
     assert found.verdict is Verdict.CONSISTENT and not found.causes

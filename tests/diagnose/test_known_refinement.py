@@ -63,6 +63,7 @@ def _farthest(found: Diagnosis, errors: dict[str, dict[str, float]]) -> float:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "fault", [pytest.param({}, marks=pytest.mark.explores), {"stroke": {"stroke_error": -0.03}}], ids=["none", "stroke"]
 )

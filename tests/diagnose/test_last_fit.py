@@ -16,6 +16,7 @@ from holoview.bench.diagnose.judge import chance_excess, rank_on_held_out
 from holoview.bench.diagnose.refine import fit_to_the_end
 from holoview.bench.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
 from tests.diagnose.conftest import MakeContext
+from tests.explored import explored
 
 TRUE = {"sigma": 0.58, "coupling": 0.3}
 
@@ -72,7 +73,7 @@ def test_a_fit_at_the_floor_comes_to_the_least_of_the_rougher_captures(make_cont
     assert found <= true and found - least < 1.0
 
 
-@pytest.mark.parametrize("away_m", [-0.3e-9, 0.3e-9])
+@pytest.mark.parametrize("away_m", explored([-0.3e-9, 0.3e-9], 1))
 def test_jumps_of_stops_on_a_grid_dont_end_a_fit_early(make_context: MakeContext, away_m: float) -> None:
     """Without noise the true values have the least χ². Other wavelengths differ by samples at the edges of irises."""
     true = {"second_line": {"share": 0.3, "offset": 4e-9}}

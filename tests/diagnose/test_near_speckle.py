@@ -119,6 +119,7 @@ def test_the_light_of_large_modulators_is_sought_in_parts_beneath_the_beam(
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.05)
 
 
+@pytest.mark.long
 def test_large_modulators_without_room_for_parts_are_not_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

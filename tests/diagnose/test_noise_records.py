@@ -69,6 +69,7 @@ def test_noise_as_recorded_is_never_blamed(draw: Any) -> None:
         assert found.least > 0.8
 
 
+@pytest.mark.long
 def test_the_chance_is_that_of_the_statistic() -> None:
     """White noise: χ²/n scatters by √(2/n), and each fitted gain takes 1/n. 500 pictures know a scatter to 3 %."""
     pixels = float(np.prod(SIZE))

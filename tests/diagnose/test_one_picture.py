@@ -106,6 +106,7 @@ def test_one_picture_names_a_fault(name: str, parameter: str, value: float) -> N
     assert any("rests on one picture" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_a_fault_that_the_library_lacks_is_not_explained(tmp_path: Path) -> None:
     laboratory = Laboratory(wavelengths_m=(600e-9,), each=1, smoothness_px=(0.8,), faults=Faults(vortex=1.0), fine=2)
     found = _diagnosed(
@@ -114,6 +115,7 @@ def test_a_fault_that_the_library_lacks_is_not_explained(tmp_path: Path) -> None
     assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
+@pytest.mark.long
 def test_the_same_picture_three_times_is_one_picture() -> None:
     found = _diagnosed(_picture().subset([0, 0, 0]))
     assert [sample.capture for sample in found.samples] == [0]

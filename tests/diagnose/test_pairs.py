@@ -24,6 +24,7 @@ def _ignore(done: int, total: int, what: str) -> None:
     pass
 
 
+@pytest.mark.long
 def test_a_cause_whose_part_another_took_is_found_first(make_context: MakeContext) -> None:
     """A moved camera alone takes most of what tilted light does to the pictures; beside it tilt gains little.
 

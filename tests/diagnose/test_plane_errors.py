@@ -82,6 +82,7 @@ def test_a_single_capture_out_of_focus_is_bad(tmp_path: Path, faults: Faults) ->
     assert found.verdict is (Verdict.EXPLAINED if any(faults.missed_m) else Verdict.CONSISTENT)
 
 
+@pytest.mark.long
 def test_a_plane_that_no_candidate_explains_has_bad_captures(tmp_path: Path) -> None:
     """As before the search they are excused only."""
     found = _diagnosed(tmp_path, _laboratory(Faults(missed_m=(0.0, 3e-4, 0.0, 0.0))), ("gap",))

@@ -42,6 +42,7 @@ def test_a_power_law_is_read_off_the_gains(exponent: float) -> None:
     assert found.spread_before > 5 * found.spread_after
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [6, COUNT])
 def test_intervals_hold_the_truth_as_often_as_they_say(count: int) -> None:
     """Of 400 draws of a 95 % interval 380 ± 4.4; five of these are exceeded once in 3 million. Six captures leave 3

@@ -46,6 +46,7 @@ def _found(path: Path, written: bytes, *mistakes: Name) -> RecordFindings:
     return find_record_errors(read_captures(spoil_file(path, *(MISTAKES[n] for n in mistakes)), plausible_units))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", explored(list(MISTAKES), 1), ids=" ".join)
 def test_a_mistake_in_a_file_is_named_and_nothing_else(tmp_path: Path, written: bytes, name: Name) -> None:
     assert names(_found(tmp_path / "c.h5", written, name)) == [name]
@@ -56,6 +57,7 @@ def test_two_mistakes_in_a_file_are_named(tmp_path: Path, written: bytes, pair: 
     assert names(_found(tmp_path / "c.h5", written, *pair)) == sorted(pair)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", explored(range(len(FAULTS)), 1))
 def test_a_fault_of_the_bench_is_no_mistake_and_hides_none(tmp_path: Path, case: int) -> None:
     file = write_session(tmp_path / "c.h5", Laboratory(faults=FAULTS[case], each=4, seed=3))
@@ -85,6 +87,7 @@ def test_a_wrong_record_and_a_fault_are_both_named(tmp_path: Path) -> None:
     assert found.as_json()["records"]["wrong"][0]["sentence"] == first.sentence
 
 
+@pytest.mark.long
 def test_a_wrong_order_of_powers_alone_explains_the_captures(nominal: Captures) -> None:
     found = diagnose(
         spoiled(nominal, MISTAKES["power_order", "reversed"]), [listed_effects()["gap"]], workers=1, free_maps=False
@@ -94,6 +97,7 @@ def test_a_wrong_order_of_powers_alone_explains_the_captures(nominal: Captures) 
     assert (cause.effect, cause.choice) == ("power_order", "reversed") and cause.gain_db > 10
 
 
+@pytest.mark.long
 def test_a_wrong_unit_that_no_bench_can_have_is_named(nominal: Captures) -> None:
     wrong = spoiled(nominal, MISTAKES["wavelength_order", "unit:nm taken as m"])
     found = diagnose(wrong, [listed_effects()["gap"]], workers=1, free_maps=False)

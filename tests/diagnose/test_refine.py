@@ -21,6 +21,7 @@ def _fit(cause: str, values: Mapping[str, float]) -> CandidateFit:
     return CandidateFit((cause,), {cause: dict(values)}, 0.0)
 
 
+@pytest.mark.long
 def test_a_gross_cause_is_found_from_far_away(make_context: MakeContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """One tolerant fit from half of three aberrations leaves too much for the next stage; further ones come near.
 

@@ -171,6 +171,7 @@ def test_whole_pictures_that_are_explained_are_searched_only_if_the_search_is_th
         assert found.best.excess < 4.0
 
 
+@pytest.mark.long
 def test_without_light_from_beyond_the_middle_shows_the_noise_alone() -> None:
     """χ²/n of n pixels scatters by √(2/n); 6 of these are exceeded by chance once in 10⁹ times."""
     captures, truth = _session("gap", "gap_error", 1e-4), {"gap": {"gap_error": 1e-4}}

@@ -234,6 +234,7 @@ def test_a_search_without_time_says_so_and_judges_all_the_same() -> None:
     assert any("--time 10min" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_the_best_so_far_is_the_result() -> None:
     """Asked for once a cause was told."""
     told = list[str]()
@@ -246,12 +247,14 @@ def test_the_best_so_far_is_the_result() -> None:
     assert names in told[-1]
 
 
+@pytest.mark.long
 def test_a_finished_search_is_no_interrupted_one() -> None:
     captures = make_captures(small_system(), {}, SESSION)
     found = diagnose(captures, EFFECTS, time_s=3600.0)
     assert found.verdict is Verdict.CONSISTENT and not any("ended" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_without_a_time_the_clock_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine on which every second is an hour finds the same."""
     usual, clock = _usual(), time.monotonic

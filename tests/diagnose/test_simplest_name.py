@@ -39,7 +39,7 @@ def _decision(*causes: str) -> Decision:
         ("gap", "aberration1", {}),
         pytest.param("gap", "aberration1", STROKE, marks=pytest.mark.explores),
         pytest.param("distance", "aberration2", {}, marks=pytest.mark.explores),
-        ("distance", "aberration2", STROKE),
+        pytest.param("distance", "aberration2", STROKE, marks=pytest.mark.explores),
     ],
 )
 def test_what_one_number_explains_is_named_by_it(
@@ -60,6 +60,7 @@ def test_what_one_number_does_not_explain_keeps_its_name(make_context: MakeConte
     assert found.best.causes == ("aberration1",)
 
 
+@pytest.mark.long
 def test_a_second_line_does_not_stand_for_an_offset_of_the_wavelength(make_context: MakeContext) -> None:
     """An offset of 5 nm is far from the nominal wavelength: derivatives there don't lead to it, a second line does."""
     context = make_context({"wavelength_offset": {"offset": 5e-9}})

@@ -93,6 +93,7 @@ def test_light_beside_the_middle_is_found_with_its_wavefront_where_a_retrieval_f
     assert places == pytest.approx([8.0, -13.0], abs=5.0)  # a third of the radius
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("speckle", [0.95, 0.85])
 def test_a_decisive_cause_is_named_beside_light_whose_speckle_stands(
     speckle: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

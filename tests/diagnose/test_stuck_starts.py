@@ -191,6 +191,7 @@ def test_pixel_maps_show_the_line(make_context: MakeContext) -> None:
     assert flicker_notes(context, {}, (faint,)) == flicker_notes(context, {}, ()) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("changes", [True, False])
 def test_a_column_whose_levels_change_from_capture_to_capture_is_told_from_one_that_keeps_its_level(
     nominal: Captures, changes: bool

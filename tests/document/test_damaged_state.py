@@ -65,6 +65,7 @@ def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [path, *(place for key, child in children for place in _places(child, (*path, key)))]
 
 
+@pytest.mark.long
 @given(st.data())
 @_SETTINGS
 def test_a_session_of_which_anything_changed_is_restored_in_part_or_kept_aside(

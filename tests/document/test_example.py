@@ -131,6 +131,7 @@ def test_a_hologram_that_is_opened_removes_the_example_but_no_chosen_target(
     assert session.target_spec is chosen
 
 
+@pytest.mark.long
 def test_the_low_exposure_of_speckle_ends_with_an_optimisation(bench: System) -> None:
     session = new_session(bench.edit({"shape": [16, 24]}))
     start_optimisation(session, OptimisationRequest(Settings(iterations=1)))

@@ -198,6 +198,7 @@ def test_scale_bars_have_round_lengths(most: float, length: float) -> None:
     assert scale_bar_length(most) == pytest.approx(length)
 
 
+@pytest.mark.long
 def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: EditingSession) -> None:
     job = start_scheme_comparison(session)
     assert session.wait_until_idle(PATIENCE_S) and job.status == "done", session.messages.all
@@ -215,6 +216,7 @@ def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: EditingS
     assert session.wait_until_idle(PATIENCE_S) and len(session.snapshots) == 2, "the two before are replaced"
 
 
+@pytest.mark.long
 def test_the_showcase_optimises_both_alike_and_says_so(session: EditingSession, target_spec: TargetSpec) -> None:
     session.edit("Target", target_spec=target_spec)
     session.target_at()

@@ -166,6 +166,7 @@ def test_a_file_that_is_opened_becomes_the_path_and_brings_an_eye(session: Editi
     loader.close()
 
 
+@pytest.mark.long
 def test_what_is_seen_along_it_is_written(watcher: EditingSession, tmp_path: Path) -> None:
     watcher.edit_view("Path", pupil_path=PATH)
     save_path(watcher, tmp_path / "path")

@@ -29,6 +29,7 @@ def watcher(target_spec: TargetSpec) -> Iterator[EditingSession]:
     made.close()
 
 
+@pytest.mark.long
 def test_each_contrast_is_that_of_what_is_seen_through_its_pupil(watcher: EditingSession) -> None:
     curves = RetinalCurves(watcher)
     job = curves.start(PUPILS_M)

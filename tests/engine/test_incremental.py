@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.light.optics.frame_inputs import FrameInputs
 from holoview.util.errors import UserError
-from tests.explored import explored
+from tests.explored import explored, one_of_each
 
 pytestmark = pytest.mark.gpu
 
@@ -169,8 +170,7 @@ def test_a_stop_can_be_narrowed_widened_and_moved(device: Device, strategy: Stra
         assert np.linalg.norm(renderer.xyz() - expected) <= 1e-6 * np.linalg.norm(expected), change
 
 
-@pytest.mark.parametrize("name", EDITS)
-@pytest.mark.parametrize("budget", [2**30, 200_000, 0], ids=["all stored", "some stored", "nothing stored"])
+@pytest.mark.parametrize(("name", "budget"), one_of_each(product(EDITS, [2**30, 200_000, 0])))
 def test_after_an_edit_a_renderer_shows_what_a_fresh_one_shows(device: Device, name: str, budget: int) -> None:
     renderer, drive = _open(device, budget_bytes=budget), random_drive(SYSTEM)
     edit = _edited(renderer, drive, EDITS[name][0])
@@ -286,7 +286,7 @@ def _reference(system: System, planes_m: list[float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("together", explored([1, 2, 3], [2]))
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", explored(SYSTEMS, 3))
 def test_a_renderer_shows_what_torch_computes_in_double_precision(device: Device, name: str, together: int) -> None:
     system = SYSTEM.edit(SYSTEMS[name])
     renderer = _open(device, system, max_wavelengths=together)
@@ -400,8 +400,7 @@ FAILING_HOOKS = {
 """Of each hook on light: its further arguments, whether a call is one of the last, and what it returns."""
 
 
-@pytest.mark.parametrize("begins_without", [False, True])
-@pytest.mark.parametrize("hook", FAILING_HOOKS)
+@pytest.mark.parametrize(("hook", "begins_without"), one_of_each(product(FAILING_HOOKS, [False, True])))
 def test_an_effect_that_fails_late_changes_nothing(
     device: Device, tmp_path: Path, hook: str, begins_without: bool
 ) -> None:

@@ -24,6 +24,7 @@ from holoview.light.model.effects.registry import listed_effects
 from holoview.light.model.field_band import edge_power
 from holoview.light.model.plan import make_plan
 from holoview.light.optics.frame_inputs import FrameInputs
+from tests.explored import explored
 
 λ, PITCH_M, N = 532e-9, 4e-6, 192
 HALF_M = N * PITCH_M / 2
@@ -160,7 +161,7 @@ def test_both_backends_find_the_same_shares(changes: dict[str, Any]) -> None:
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", explored(STRATEGIES, 1))
 @pytest.mark.parametrize(
     "changes",
     [

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from holoview.light.gpu.line_fft import can_access_fours, generate_subgroup_shader, lanes_per_line
 from holoview.light.gpu.spectrum_order import LineTransform, SpectrumOrder
+from tests.explored import explored
 
 Values = NDArray[Any]
 HOOKS = ("load", "store", "load_four", "store_four", "subgroupShuffle", "subgroupShuffleXor")
@@ -122,7 +123,7 @@ def _error(found: Values, expected: Values) -> float:
 
 
 @pytest.mark.parametrize("subgroup", [8, 16, 32, 64])
-@pytest.mark.parametrize("n", [64, 240, 768, 1024, 1080, 4096])
+@pytest.mark.parametrize("n", explored([64, 240, 768, 1024, 1080, 4096], [64, 240, 1080]))
 @pytest.mark.parametrize("direction", ["forward", "inverse"])
 def test_a_transform_is_that_of_numpy(n: int, subgroup: int, direction: Any) -> None:
     lanes = lanes_per_line(n, subgroup)
@@ -160,7 +161,7 @@ def test_four_values_at_a_time_give_the_same(n: int, lanes: int, band: Any) -> N
 
 @pytest.mark.parametrize("subgroup", [16, 32, 64])
 @pytest.mark.parametrize(("shared_hook", "shared_points"), [(None, 1), ("load", 2), ("load", 3), ("middle", 2)])
-@pytest.mark.parametrize("n", [768, 1080])
+@pytest.mark.parametrize("n", explored([768, 1080], 1))
 def test_a_pair_of_transforms_with_shared_values(
     n: int, subgroup: int, shared_hook: str | None, shared_points: int
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import product
 from pathlib import Path
 
 import av
@@ -20,6 +21,7 @@ from holoview.holograms.targets.picture import read_picture, read_pictures
 from holoview.holograms.view import light_numbers
 from holoview.light.colour import COLOUR_SPACES, rgb_to_xyz
 from holoview.util.errors import UserError
+from tests.explored import one_of_each
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +71,10 @@ def test_an_npy_holds_the_intensity(view: hv.View, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), view.intensity)
 
 
-@pytest.mark.parametrize("one", ["npz", "npy", "exr", "tif"])
-@pytest.mark.parametrize("other", ["npz", "npy", "exr", "tif"])
+KINDS = ("npz", "npy", "exr", "tif")
+
+
+@pytest.mark.parametrize(("one", "other"), one_of_each(product(KINDS, [*KINDS[1:], KINDS[0]])))
 def test_each_pair_of_files_is_equal_to_the_last_bit(
     view: hv.View, one: str, other: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,7 @@ from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.torch_executor import TorchExecutor
 from holoview.light.model.plan import make_plan
 from holoview.light.optics.frame_inputs import FrameInputs
+from tests.explored import explored
 
 pytestmark = pytest.mark.gpu
 
@@ -45,7 +46,7 @@ EFFECTS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", explored(EFFECTS, 4))
 def test_a_frame_with_effects_is_that_of_torch(name: str, both: Opened, bench: Opened) -> None:
     frames = {"frames": 2} if name.startswith("several frames") else {}
     system = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03}, effects=EFFECTS[name], **frames)

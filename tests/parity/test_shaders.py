@@ -31,6 +31,7 @@ from holoview.light.model.passband import turns_to_fixed_point
 from holoview.light.model.plan import Grid, make_plan
 from holoview.light.optics.propagate import transfer_function
 from holoview.util.files import data_dir
+from tests.explored import one_of_each
 
 pytestmark = pytest.mark.gpu
 
@@ -112,10 +113,10 @@ def _switches(kernel: str) -> list[str]:
     return [switch for text in texts for switch in SWITCH.findall(text)]
 
 
-@pytest.mark.parametrize("half", [False, True], ids=["f32", "f16"])
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("strategy", ["passes", "subgroup"])
-@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize(
+    ("kernel", "strategy", "shape", "half"),
+    one_of_each(product(KERNELS, ["passes", "subgroup"], SHAPES, [False, True])),
+)
 def test_a_fused_kernel_compiles_in_every_permutation(
     device: Device, kernel: str, shape: str, half: bool, strategy: Strategy
 ) -> None:

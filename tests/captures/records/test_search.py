@@ -85,6 +85,7 @@ def test_two_mistakes_are_named(right: Captures, pair: tuple[Name, Name]) -> Non
     assert names(found) == sorted(pair)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("offset", explored(["offset:+1", "offset:+2"], 1))
 def test_patterns_out_of_step_and_distances_mixed_up_are_two_mistakes(right: Captures, offset: str) -> None:
     """Patterns that are out of step with their settings put most captures right at once, but not all."""
@@ -151,6 +152,7 @@ def test_square_modulators_can_be_turned(how: str) -> None:
         assert names(find_record_errors(spoiled(captures, turn(array, how)))) == [(f"{part}_orientation", how)]
 
 
+@pytest.mark.long
 def test_with_one_modulator_mirrored_patterns_are_mirrored_pictures() -> None:
     captures = make_captures(bench(modulators=1), {}, AcquisitionSettings(captures_per_condition=3, seed=4))
     found = find_record_errors(spoiled(captures, turn("images", "flip_x")))
@@ -171,6 +173,7 @@ def _remeasured(captures: Captures) -> Captures:
     return dataclasses.replace(captures, images=np.rint(counts).astype(np.uint16))
 
 
+@pytest.mark.long
 def test_what_symmetric_patterns_cant_show_is_said(right: Captures) -> None:
     found = find_record_errors(_remeasured(spoiled(right, _symmetric)))
     assert found.corrections == ()
@@ -216,10 +219,12 @@ def test_a_dark_and_a_saturated_picture_hide_no_mistake(right: Captures) -> None
         assert names(find_record_errors(wrong)) == [name]
 
 
+@pytest.mark.long
 def test_a_law_of_the_laser_is_no_wrong_order() -> None:
     assert find_record_errors(measured({"laser_power": {"exponent": 0.3}})).corrections == ()
 
 
+@pytest.mark.long
 def test_corrected_captures_are_the_right_ones(right: Captures) -> None:
     wrong = spoiled(right, turn("slm1", "flip_x"))
     corrected = find_record_errors(wrong).corrected(wrong)
@@ -239,6 +244,7 @@ def test_a_picture_beside_its_axis_is_no_mistake_of_two_records() -> None:
     assert find_record_errors(captures).corrections == ()
 
 
+@pytest.mark.long
 def test_on_a_fourier_bench_what_cant_be_told_apart_is_said() -> None:
     """There an inverted pattern turns the picture by 180°, as a turned pattern and a turned camera do."""
     settings = AcquisitionSettings(captures_per_condition=3, seed=4, focal_length_m=0.2, camera_pitch_m=20e-6)
