@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,12 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
-from holoview.bench.rig import read_rig
 from holoview.commands.cli import main
 from tests.child_process import child_process
 from tests.patience import PATIENCE_S
-from tests.rig.conftest import DirectBench, DirectLasers
+from tests.rig.conftest import bench_here
+
+__all__ = ["bench_here"]
 
 SHAPE = (24, 32)
 
@@ -51,14 +51,6 @@ def holoview(
         return Outcome(code, captured.out, captured.err)
 
     return run
-
-
-@pytest.fixture
-def bench_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Virtual benches that commands open are computed in this process: one of its own takes seconds to begin."""
-    opening = import_module("holoview.bench.rig.open_rig")  # the package has a function of this name
-    monkeypatch.setattr(opening, "VirtualBenchProcess", lambda path: DirectBench(read_rig(path, is_registered=False)))
-    monkeypatch.setattr(opening, "VirtualLasers", DirectLasers)
 
 
 class _SignallingStream:

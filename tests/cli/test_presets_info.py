@@ -140,6 +140,7 @@ def test_help_lists_the_commands_and_version_says_which_one(capsys: pytest.Captu
     assert f"holoview {__version__}\n" in out
 
 
+@pytest.mark.long
 def test_a_terminal_without_greek_letters_still_gets_its_numbers() -> None:
     command = [sys.executable, "-m", "holoview.commands.cli", "info", "holochrome-8"]
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}

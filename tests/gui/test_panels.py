@@ -41,6 +41,7 @@ def test_dragging_a_slider_is_one_step_of_undo_and_can_be_undone(gui: Gui) -> No
     assert gui.session.system.gap_m > before
 
 
+@pytest.mark.long
 def test_a_drag_a_held_key_and_a_sweep_are_one_step_each_on_a_machine_of_any_speed(
     gui: Gui, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,6 +125,7 @@ def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..
     assert relay.iris_na is not None and relay.aberration_m[0][0] == 4
 
 
+@pytest.mark.long
 def test_a_square_stop_is_chosen_sized_and_moved(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(small_bench(relay2={}), engine=True, size=(900, 700))
     steps, kinds = len(gui.session.history), ("none", "first order", "first order at one wavelength", "aperture")
@@ -317,6 +319,7 @@ def test_the_sheet_of_keys_has_the_keys(gui: Gui) -> None:
     assert gui.session.view_settings.exposure_stops == 0.25
 
 
+@pytest.mark.long
 def test_a_comparison_of_schemes_and_escape_bring_everything_back(gui: Gui) -> None:
     gui.session.change("Gap", {"gap": 5e-3})
     gui.press_chord("Ctrl+Z")
@@ -459,7 +462,12 @@ def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable
 
 
 @pytest.mark.parametrize(
-    "preset", [pytest.param("time-sequential", marks=pytest.mark.long), "multisource-3x3", "holochrome-8-1slm"]
+    "preset",
+    [
+        pytest.param("time-sequential", marks=pytest.mark.long),
+        pytest.param("multisource-3x3", marks=pytest.mark.long),
+        "holochrome-8-1slm",
+    ],
 )
 def test_other_benches_are_shown_too(make_gui: Callable[..., Gui], preset: str) -> None:
     gui = make_gui(load(preset).edit({"shape": [32, 48]}))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from holoview.light.model import preset
 from holoview.light.model.plan import make_plan
 from holoview.light.model.system import System
 from holoview.util.errors import UserError
-from tests.explored import one_of_each
 
 pytest.importorskip("numba")
 
@@ -159,7 +157,8 @@ def test_rows_of_a_transfer_function_that_are_equal_are_stored_once(
         assert torch.equal(found, expected)
 
 
-@pytest.mark.parametrize(("name", "loss"), one_of_each(product(BENCHES, ["linear-srgb", "mono"])))
+@pytest.mark.parametrize("loss", ["linear-srgb", "mono"])
+@pytest.mark.parametrize("name", BENCHES)
 def test_the_pass_from_lines_to_the_loss_and_back_is_that_of_torch(
     name: str, loss: str, bench: Bench, noise: Noise, compiled: CompiledKernels
 ) -> None:
@@ -183,7 +182,8 @@ def test_the_pass_from_lines_to_the_loss_and_back_is_that_of_torch(
     np.testing.assert_allclose(found.optimal_amplitudes, expected.optimal_amplitudes, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "loss"), one_of_each(product(BENCHES, LOSS_SPACES)))
+@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("loss", LOSS_SPACES)
 def test_loss_gradient_and_amplitudes_are_those_of_torch(
     loss: str, name: str, bench: Bench, noise: Noise, compiled: CompiledKernels
 ) -> None:

@@ -26,6 +26,7 @@ from holoview.light.gpu.device import Device
 from holoview.viewer.document.measurements import measure_region
 from holoview.viewer.page.page import export_html, read_page
 from tests.chromium import Browser, needs_chromium, pixels
+from tests.explored import explored
 from tests.page.pages import WEBGPU, claims_of, drag_right, open_page, page_pixels, set_state, webgpu_browser
 
 EYE = {"pupil": "2 mm", "pupil_x": "0.3 mm"}
@@ -242,10 +243,13 @@ def judging(browser: Browser, written: Written) -> Iterator[tuple[Browser, Any]]
 @needs_chromium
 @pytest.mark.parametrize(
     "how",
-    [
-        *("right", "blurred", "displaced", "up", "mirrored", "tone curve", "something else", "another plane"),
-        *("another plane, known to be none", "an object", "a bright sample"),
-    ],
+    explored(
+        [
+            *("right", "blurred", "displaced", "up", "mirrored", "tone curve", "something else", "another plane"),
+            *("another plane, known to be none", "an object", "a bright sample"),
+        ],
+        ["right", "blurred", "tone curve", "another plane"],
+    ),
 )
 def test_the_page_judges_a_contrast_as_python_does(judging: tuple[Browser, Any], how: str) -> None:
     """A drawn scene with gamma-law speckle beside a target of 8-bit codes: the same contrast, blur and sentence."""

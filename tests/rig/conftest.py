@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,14 @@ class DirectLasers:
 
     def close(self) -> None:
         pass
+
+
+@pytest.fixture
+def bench_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Virtual benches that are opened are computed in this process: one of its own takes seconds to begin."""
+    opening = import_module("holoview.bench.rig.open_rig")  # the package has a function of this name
+    monkeypatch.setattr(opening, "VirtualBenchProcess", lambda path: DirectBench(read_rig(path, is_registered=False)))
+    monkeypatch.setattr(opening, "VirtualLasers", DirectLasers)
 
 
 def direct_devices(rig: RigDescription) -> Devices:

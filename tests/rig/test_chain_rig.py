@@ -135,6 +135,7 @@ def test_captures_of_a_chain_are_measured_and_what_is_hidden_explains_them(
     assert main(["captures", "check", "seen.h5", "--quick"]) == 0
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_the_picture_is_that_of_the_patterns_that_are_shown(tmp_path: Path) -> None:
     rig = read_rig(write_chain_rig(tmp_path, {"virtual": {"seed": 3}}))
     levels = rig.random_levels(np.random.default_rng(2), 1.5)
@@ -162,6 +163,7 @@ def test_the_picture_is_that_of_the_patterns_that_are_shown(tmp_path: Path) -> N
     assert _left(other) > 2
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_a_modulator_that_has_not_settled_shows_the_pattern_before(tmp_path: Path) -> None:
     rig = read_rig(write_chain_rig(tmp_path, {"virtual": {"seed": 3, "settle": 0.1}}))
     rng = np.random.default_rng(2)
@@ -227,6 +229,7 @@ def test_a_wrong_signal_of_an_element_is_found(tmp_path: Path, fault: dict[str, 
     assert not checks["coarse"].faults and checks["coarse"].notes
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_gratings_behind_a_mask_are_not_judged(tmp_path: Path) -> None:
     mask = {
         "kind": "mask",
@@ -242,6 +245,7 @@ def test_gratings_behind_a_mask_are_not_judged(tmp_path: Path) -> None:
     assert check.notes == ("phase: its signal isn't checked with glass, of kind mask, in the light",)
 
 
+@pytest.mark.usefixtures("bench_here")
 @pytest.mark.parametrize("name", ["high-contrast", "holochrome-8-static", "dynamic-fourier"])
 def test_a_new_rig_of_a_preset_answers(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

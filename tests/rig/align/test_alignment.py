@@ -49,6 +49,7 @@ def test_many_hidden_placements_are_found(kind: str, seed: int, tmp_path: Path) 
     check(draw(kind, seed, (48, 64)), tmp_path)
 
 
+@pytest.mark.long
 def test_a_modulator_that_is_not_as_described_makes_distances_doubtful(tmp_path: Path) -> None:
     """Crosstalk of half a pixel moves planes by tens of µm; where the camera is doesn't depend on it."""
     hidden = Hidden("two", (40, 48), camera="flip_x", faults={"crosstalk": {"sigma": 0.5}})
