@@ -35,6 +35,7 @@ def gui(make_gui: Callable[..., Gui], film: Path) -> Gui:
     return gui
 
 
+@pytest.mark.long
 def test_its_first_picture_is_the_target_at_once(gui: Gui) -> None:
     assert gui.context.loader.animation is not None and gui.context.loader.animation.pictures == 3
     assert gui.session.target_at() == pytest.approx(srgb_decode(60 / 255), abs=0.01)

@@ -13,6 +13,7 @@ from tests.explored import explored
 pytestmark = pytest.mark.gpu
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("optimises", explored([False, True], [False]))
 def test_the_work_is_back_after_the_device_was_lost(device: Device, tmp_path: Path, optimises: bool) -> None:
     found = recovery(tmp_path, ("--new", "--set", "shape=[96, 128]"), optimises)

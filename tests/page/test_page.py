@@ -901,7 +901,6 @@ def test_a_drawing_that_is_cut_says_that_it_scrolls_and_is_whole_in_print(browse
     assert browser.close_pages() == []
 
 
-@pytest.mark.long
 @needs_chromium
 def test_without_webgpu_a_page_of_one_hologram_has_no_empty_box_and_says_that_its_drawing_scrolls(
     browser: Browser, written: Written

@@ -109,6 +109,7 @@ def test_a_file_that_isnt_toml_or_isnt_there_is_named(tmp_path: Path) -> None:
         read_rig(tmp_path / "rig.toml")
 
 
+@pytest.mark.usefixtures("bench_here")
 def test_an_unknown_kind_of_device_is_named_before_anything_is_opened(make_rig: MakeRig) -> None:
     with pytest.raises(UserError, match=r"camera\.device.*virtaul.*did you mean virtual"):
         open_rig(make_rig({"camera.device": "virtaul"}))

@@ -115,6 +115,7 @@ def test_the_table_is_the_modulators(bench: dict[str, Any], order: str, make_rig
     assert len(sweeps) >= 4 and max(map(max, sweeps)) <= 2  # pixels that may be hot
 
 
+@pytest.mark.long
 def test_an_interrupted_sweep_goes_on_and_is_the_same(make_rig: MakeRig, tmp_path: Path) -> None:
     rig = make_rig({**NEAR, "lasers.wavelengths": ["450 nm"]})
     plan, file = _plan(rig, (8,)), tmp_path / "t.csv"
