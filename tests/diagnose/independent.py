@@ -1,6 +1,6 @@
 """Capture files of a virtual bench by plain numpy: nothing here knows holoview, its sampling or its padding.
 
-Every modulator pixel is `fine` × `fine` samples of one phase, fields lie in a window three times as large as the
+Every modulator pixel is `fine` × `fine` samples of one phase, fields lie in a window some times as large as the
 modulators, everything is complex128, and a camera pixel integrates the samples that it covers. The file is written with
 h5py, attribute by attribute, as a laboratory would from the format's description.
 """
@@ -23,7 +23,6 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _POINTS = 16  # along each axis of a sample of a turned modulator: 4 leave χ²/n of 2.5 at the truth, 16 1.4
-_WINDOW = 3  # of the modulators' size: another padding than the model's
 _FULL_WELL = 16000.0  # electrons
 _READ_NOISE, _BLACK, _BITS = 3.0, 64.0, 12
 
@@ -134,6 +133,7 @@ class Laboratory:
     each: int = 6
     smoothness_px: tuple[float, ...] = (4.0, 2.5, 1.5, 0.8)
     fine: int = 4
+    window: int = 3  # sides of the fields' window over those of the modulators, odd: another padding than the model's
     camera: int = 2
     seed: int = 0
     faults: Faults = field(default_factory=Faults)
@@ -193,7 +193,7 @@ def intensity(
     pixels (y, x)."""
     rows, columns, side = *lab.shape, lab.fine // lab.camera
     distance_m = lab.distance_m * lab.faults.camera.rail.travel + lab.faults.distance_m
-    y, x = (np.arange(n * lab.fine) + n * lab.fine for n in lab.shape)
+    y, x = (np.arange(n * lab.fine) + lab.window // 2 * n * lab.fine for n in lab.shape)
     seen = 0.0
     for power, line_m, is_modulated in lab.faults.light.components(wavelength_m):
         field = _field(lab, levels * is_modulated, line_m, distance_m, camera_px)
@@ -214,9 +214,9 @@ def _field(
     sine_y, sine_x = (np.sin(a) for a in lab.faults.tilt_rad)
     wave = np.exp(2j * np.pi / wavelength_m * (sine_y * y[:, None] + sine_x * x[None, :]))
     spiral = np.exp(1j * lab.faults.vortex * np.arctan2(y[:, None], x[None, :]))
-    first = _framed(wave * spiral * _modulated(lab, levels[0], wavelength_m, 0))
+    first = _framed(wave * spiral * _modulated(lab, levels[0], wavelength_m, 0), lab.window)
     field = _travelled(first, lab, 0, wavelength_m, lab.gap_m + lab.faults.gap_m)
-    second = _turned(_framed(_modulated(lab, levels[1], wavelength_m, 1)), lab.faults.turn_rad)
+    second = _turned(_framed(_modulated(lab, levels[1], wavelength_m, 1), lab.window), lab.faults.turn_rad)
     by = tuple(round(s * lab.fine) for s in lab.faults.shift_px)
     field = field * np.roll(second, by, (0, 1))
     field = _travelled(field, lab, 1, wavelength_m, distance_m)
@@ -234,7 +234,7 @@ def _modulated(lab: Laboratory, levels: Floats, wavelength_m: float, number: int
 
 
 def _turned(window: Complex, angle_rad: float) -> Complex:
-    """Squares in the middle third of a window turned about its middle, each sample the mean over itself: of so many
+    """Squares in the middle of a window turned about its middle, each sample the mean over itself: of so many
     points along each axis."""
     if not angle_rad:
         return window
@@ -249,11 +249,11 @@ def _turned(window: Complex, angle_rad: float) -> Complex:
     return result
 
 
-def _framed(inner: Complex) -> Complex:
-    """In the middle of a dark window."""
-    rows, columns = inner.shape
-    field = np.zeros((_WINDOW * rows, _WINDOW * columns), complex)
-    field[rows : 2 * rows, columns : 2 * columns] = inner
+def _framed(inner: Complex, window: int) -> Complex:
+    """In the middle of a dark window so many times as large."""
+    (rows, columns), first = inner.shape, window // 2
+    field = np.zeros((window * rows, window * columns), complex)
+    field[first * rows : (first + 1) * rows, first * columns : (first + 1) * columns] = inner
     return field
 
 

@@ -82,11 +82,12 @@ def open_rig(rig: RigDescription) -> Devices:
     Raises UserError for a kind that is unknown or that the table can't have, and DeviceError for a device that doesn't
     answer; devices that were open by then are closed.
     """
+    openers = {name: _opener(rig, spec) for name, spec in rig.devices.items()}  # before anything is opened
     with ExitStack() as stack:
         opening = OpeningRig(rig.as_described, stack)
         opened: dict[str, Any] = {}
         for name, spec in rig.devices.items():
-            opened[name] = _opener(rig, spec)(opening, spec)
+            opened[name] = openers[name](opening, spec)
             if name == "lasers" and spec.kind not in _NEED_NO_GUARD:
                 opened[name] = GuardedLasers(opened[name], rig.path)
             stack.callback(opened[name].close)
