@@ -5,8 +5,5 @@ var<private> source_column: u32;
 
 fn load_column(y: u32, field: u32) -> vec2f {
     let row = y - source_offset;
-    if (is_padded && row >= source_layout.rows) {
-        return vec2f(0.0);
-    }
-    return read_sample(field, row, source_column);
+    return select(read_sample(field, row, source_column), vec2f(0.0), is_padded && row >= source_layout.rows);
 }

@@ -12,8 +12,7 @@ fn load(position: vec3u) -> vec2f {
 
 fn store(position: vec3u, value: vec2f) {
     let y = position.y - grid.offset.x;
-    if (is_padded && y >= grid.shape.x) {
-        return;
+    if (!is_padded || y < grid.shape.x) {
+        write_sample(position.z, y, position.x, value);
     }
-    write_sample(position.z, y, position.x, value);
 }

@@ -29,15 +29,12 @@ fn shared_value(position: vec3u) -> vec2f {
 
 fn load_shared(position: vec3u, pixel: vec2f) -> vec2f {
     let x = position.x - grid.offset.y;
-    if (is_padded && x >= grid.shape.y) {
-        return vec2f(0.0);
-    }
     var value = pixel;
     if (is_dense) {
         value = dense[position.y * grid.shape.y + x];
     }
     if (is_tilted) {
-        return cmul(value, plane_wave(illumination, position.y * wave_step, x * wave_step));
+        value = cmul(value, plane_wave(illumination, position.y * wave_step, x * wave_step));
     }
-    return value;
+    return select(value, vec2f(0.0), is_padded && x >= grid.shape.y);
 }

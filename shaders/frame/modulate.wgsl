@@ -23,11 +23,9 @@ fn shared_value(position: vec3u) -> vec2f {
 
 fn middle_shared(position: vec3u, value: vec2f, pixel: vec2f) -> vec2f {
     let x = position.x - grid.offset.y;
-    if (is_padded && x >= grid.shape.y) {
-        return vec2f(0.0);
-    }
+    var transmission = pixel;
     if (is_dense) {
-        return cmul(value, dense[position.y * grid.shape.y + x]);
+        transmission = dense[position.y * grid.shape.y + x];
     }
-    return cmul(value, pixel);
+    return select(cmul(value, transmission), vec2f(0.0), is_padded && x >= grid.shape.y);
 }

@@ -4,13 +4,12 @@
 
 fn store(position: vec3u, value: vec2f) {
     let x = position.x - grid.offset.y;
-    if (is_padded && x >= grid.shape.y) {
-        return;
-    }
     let at = index_of_intensity(position.z, position.y, x);
     var sum = params.weight * dot(value, value);
     if (accumulates) {
         sum += intensity[at];
     }
-    intensity[at] = sum;
+    if (!is_padded || x < grid.shape.y) {
+        intensity[at] = sum;
+    }
 }

@@ -28,17 +28,16 @@ fn load(position: vec3u) -> vec2f {
 
 fn middle(position: vec3u, value: vec2f) -> vec2f {
     let ky = frequency_y(position.y);
+    var before = value;
     if (repeats_pixels) {
-        let pixel = cmul(pixel_column, pixel_spectra[pixel_rows + frequency_index(ky, grid.padded.x)]);
-        return propagated(ky, cmul(value, pixel));
+        before = cmul(value, cmul(pixel_column, pixel_spectra[pixel_rows + frequency_index(ky, grid.padded.x)]));
     }
-    return propagated(ky, value);
+    return propagated(ky, before);
 }
 
 fn store(position: vec3u, value: vec2f) {
     let y = position.y - grid.offset.x;
-    if (is_padded && y >= grid.shape.x) {
-        return;
+    if (!is_padded || y < grid.shape.x) {
+        write_sample(position.z, y, position.x, value);
     }
-    write_sample(position.z, y, position.x, value);
 }

@@ -25,9 +25,9 @@ fn begin_column(kx: i32, field: u32) {
 // A value of the spectrum at k_y behind the relay; 0 if the relay stops that frequency.
 fn propagated(ky: i32, value: vec2f) -> vec2f {
     let mask = select(0.0, inverse_scale, is_in_support(column_support, ky));
-    let behind = cmul(value, transfer(propagation, column, ky)) * mask;
+    var behind = cmul(value, transfer(propagation, column, ky)) * mask;
     if (has_pupil) {
-        return cmul(behind, pupil[pupil_column + frequency_index(ky, grid.padded.x) * grid.padded.y]);
+        behind = cmul(behind, pupil[pupil_column + frequency_index(ky, grid.padded.x) * grid.padded.y]);
     }
     return behind;
 }

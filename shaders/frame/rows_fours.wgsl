@@ -1,6 +1,5 @@
 // Input and output of a transform along x: four neighbouring samples of a stored row at a time, each a 64-bit integer.
 // A driver that executes shaders on the CPU turns each access into a loop over the lanes of a vector.
-//#include "frame/rows.wgsl"
 
 alias RowElement = vec4<u64>;
 

@@ -1,5 +1,4 @@
 // Access to stored rows sample by sample.
-//#include "frame/rows.wgsl"
 
 alias RowElement = StoredComplex;
 

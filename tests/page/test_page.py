@@ -578,6 +578,7 @@ def test_a_quick_image_says_so_and_the_exact_one_follows(
     assert said == "Quick image; the exact one follows …"
     system = written.first.system
     for plane_m in (10e-3, 9.3e-3):
+        page.evaluate(_LATE)
         set_state(page, plane_m=plane_m)
         _is_equal(page_pixels(page), written.first, system, plane_m)
         assert page.inner_text("#message") == ""
@@ -595,19 +596,21 @@ def test_a_quick_image_says_so_and_the_exact_one_follows(
 def test_where_the_exact_image_of_a_plane_comes_soon_no_quick_one_is_computed_before(
     browser: Browser, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Quick images come first while nobody knows how long it takes, where it takes long, and while one drags."""
+    """Quick images come first where it takes long, which the first exact image tells, and while one drags."""
     monkeypatch.setattr("holoview.viewer.page.frame_recording._QUICK_SAMPLES", 0)
     page = open_page(browser, export_html(tmp_path / "soon.html", written.first))
     counts = "() => ['quick', 'exact'].map(kind => window.holoview.viewer.times[kind].length)"
     page.evaluate("() => window.holoview.viewer.busy")
     assert page.evaluate(counts) == [1, 1]
+    assert 0 < page.evaluate("() => window.holoview.viewer.planeMs") < np.inf
+    page.evaluate(_LATE)
     set_state(page, plane_m=9e-3)
     assert page.evaluate(counts) == [2, 2]
     page.evaluate("() => { window.holoview.viewer.planeMs = 100 }")  # on a busy machine it may have been slow
     set_state(page, plane_m=9.3e-3)
     assert page.evaluate(counts) == [2, 3] and page.inner_text("#message") == ""
     _is_equal(page_pixels(page), written.first, written.first.system, 9.3e-3)
-    page.evaluate("() => { window.holoview.viewer.planeMs = 1e4 }")
+    page.evaluate(_LATE)
     set_state(page, plane_m=9.7e-3)
     assert page.evaluate(counts) == [3, 4]
     page.evaluate(_DRAG)
@@ -618,6 +621,7 @@ def test_where_the_exact_image_of_a_plane_comes_soon_no_quick_one_is_computed_be
     assert browser.close_pages() == []
 
 
+_LATE = "async () => { const { viewer } = window.holoview; await viewer.busy; viewer.planeMs = 1e4 }"
 _DRAG = """async () => {
     const { viewer, set } = window.holoview, { full } = viewer.holograms[0], update = full.update
     viewer.planeMs = 100

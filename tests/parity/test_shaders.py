@@ -89,7 +89,7 @@ def _compile(device: Device, transform: LineFft) -> None:
         device.pipeline(shader.source, shader.constants)
 
 
-_ROWS = ("in_place", "two_buffers", "singles", "fours", "load", "store", "store_fours")
+_ROWS = ("plain", "tiled", "in_place", "two_buffers", "singles", "fours", "load", "store", "store_fours")
 _PARTS = (
     *("columns", "propagation", "rows", "work", "observe_singles", "observe_fours"),
     *(f"rows_{name}" for name in _ROWS),

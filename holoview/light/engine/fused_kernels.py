@@ -44,7 +44,7 @@ from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.sampling import round_up
 
 TILE_X, TILE_Y = 4, 16
-"""Samples of a tile of stored rows: see `shaders/frame/rows.wgsl`."""
+"""Samples of a tile of stored rows: see `shaders/frame/rows_tiled.wgsl`."""
 _MAX_KEPT = 16  # shapes of frames whose kernels a device keeps, of some hundred kB each
 _PARTS = 8  # bands end at multiples of this share of the grid, so that small edits of a stop need no new kernels
 
@@ -195,7 +195,7 @@ class FrameLayout:
 
     @property
     def is_tiled(self) -> bool:
-        """Whether rows are stored in tiles (`shaders/frame/rows.wgsl`)."""
+        """Whether rows are stored in tiles (`shaders/frame/rows_tiled.wgsl`)."""
         return self.strategy == "subgroup"
 
     @property
@@ -356,6 +356,7 @@ def make_transform(layout: FrameLayout, variant: KernelVariant, *, half: bool = 
         GeneratedWgsl("structs", GRID.wgsl + DISPATCH_PARAMS.wgsl + "".join(struct.wgsl for struct in structs)),
         GeneratedWgsl("constants", _constants_wgsl(layout, kernel, relay, grid)),
         storage_shader(layout.device, half=half),
+        f"frame/rows_{'tiled' if layout.is_tiled else 'plain'}.wgsl",
         f"frame/rows_{'fours' if fours else 'singles'}.wgsl",
         f"frame/rows_{'two_buffers' if variant.separate_buffers else 'in_place'}.wgsl",
         *(("frame/work.wgsl",) if has_work_hooks else ()),
@@ -459,7 +460,6 @@ def _constants_wgsl(layout: FrameLayout, kernel: str, relay: int, grid: Grid) ->
         f"const source_layout = RowLayout({source.rows}u, {source.stride}u);\n"
         f"const target_layout = RowLayout({target.rows}u, {target.stride}u);\n"
         f"const work_layout = {'source' if kernel == 'observe' else 'target'}_layout;\n"
-        f"const is_tiled = {str(layout.is_tiled).lower()};\n"
         f"const is_along_x = {str(KERNELS[kernel][0] == 'x').lower()};\n"
         f"const adds_lane = {str(_adds_lane(layout, kernel, grid, read)).lower()};\n"
         f"const is_padded = {str(whole.padded != whole.shape).lower()};\n"

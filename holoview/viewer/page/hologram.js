@@ -196,6 +196,13 @@ class LiveHologram {
         return Boolean(this.replay?.head.is_kept) && this.stale(state).every(({ frame, w, field }) => this.done.get(`field|${frame}|${w}`) === field)
     }
 
+    // The share of a frame's workgroups that another focal plane alone computes.
+    planeShare() {
+        const work = steps => steps.flatMap(({ dispatches }) => dispatches).reduce((sum, [, , [x, y, z]]) => sum + x * y * z, 0)
+        const { steps } = this.replay.head
+        return work(steps.filter(({ name }) => name !== "field")) / work(steps)
+    }
+
     // Computes what the state asks for and isn't computed yet. `isOutdated` ends it early; true when it is complete.
     async update(state, isOutdated = null) {
         const { device, head } = (await this.opened()).replay

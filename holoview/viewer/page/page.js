@@ -125,7 +125,7 @@ class Viewer {
         this.context = this.canvas.getContext("2d", { colorSpace: this.space })
         this.version = 0
         this.times = { quick: [], exact: [] } // of the last frames, ms
-        this.planeMs = Infinity // of the last exact images for which another plane alone was computed
+        this.planeMs = Infinity // of the last exact images for which another plane alone was computed, first as estimated
         this.isMoving = false // whether the state was changed again before its exact image was complete
         this.firstImage = new Promise(resolve => { this.showFirst = resolve })
     }
@@ -162,11 +162,14 @@ class Viewer {
             $("message").textContent = QUICK
             this.note("quick", performance.now() - began)
         }
+        for (const index of shown) await this.holograms[index].full.opened() // compiling isn't a part of what follows
         const exactBegan = performance.now()
         for (const index of shown) {
             if (!(await this.show(index, this.holograms[index].full, slow.length ? isOutdated : null))) return
         }
-        if (isPlane) this.planeMs = performance.now() - exactBegan
+        const exactMs = performance.now() - exactBegan
+        if (isPlane) this.planeMs = exactMs
+        else if (this.planeMs === Infinity) this.planeMs = exactMs * Math.max(...shown.map(index => this.holograms[index].full.planeShare()))
         this.isMoving = false
         await this.drawn()
         if ([QUICK, COMPUTING].includes($("message").textContent)) $("message").textContent = ""
