@@ -5,19 +5,26 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.plain_light import Beam
 from benchmarks.real_benches import draw, measure
 from holoview.bench.captures.capture_file import read_captures
 from holoview.bench.captures.predictor import SamplingConfig
+from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.bench.diagnose.fit import CandidateFit
 from holoview.bench.diagnose.judge import Decision, Verdict, rank_on_held_out
+from holoview.bench.diagnose.likelihood import Comparison
 from holoview.bench.diagnose.nuisances import drop_sampling_artefacts, samples_that_explain
-from holoview.bench.diagnose.sampling_choice import ChosenSampling, finer_samples
+from holoview.bench.diagnose.sampling_choice import ChosenSampling, choose_sampling, finer_samples, further_samples
+from holoview.bench.diagnose.search import find_causes
 from holoview.light.numerics.sampling import AREA
 from tests.diagnose.conftest import make_context_of, small_system
+from tests.diagnose.independent import Laboratory, write_session
+from tests.explored import explored
 
 TILTED = {"tilt": {"tilt_y": 2e-4}}
 FURTHER = {"camera_alignment": {"magnification": -1e-3}, "motion_blur": {"length_y": 0.7}}
@@ -81,4 +88,45 @@ def test_finer_samples_are_tried_beside_causes_before_further_ones(
     assert (found is not None) == (size == 1.0)
     assert found is None or (found.points == AREA and (found.finer > 1 or found.has_weighted_stops))
     assert samples_that_explain(replace(context, has_open_sampling=False), result) is None  # the captures state them
-    assert samples_that_explain(replace(context, sampling=SamplingConfig(points=AREA)), result) is None
+    assert samples_that_explain(replace(context, sampling=SamplingConfig(padding=3)), result) is None  # of no ladder
+
+
+@pytest.mark.parametrize("seed", explored([0, 1, 2], 0))
+def test_stops_by_shares_are_nearer_to_a_wider_window_and_are_chosen(seed: int, tmp_path: Path) -> None:
+    """Another program's window is five times as wide, so that less of the light that stops diffract comes in again."""
+    captures = read_captures(write_session(tmp_path / "c.h5", Laboratory(seed=seed, each=2, window=5)))
+    data, indices = prepare_captures(captures), np.arange(len(captures))
+    variance = captures.camera.noise_variance(np.maximum(data.light, 0.0))
+
+    def excess(is_weighted: bool) -> float:
+        sampling = SamplingConfig(2, 2, 2, is_weighted)
+        predictor = PredictorWithKnownEffects(captures, {}, **sampling.keywords)
+        return Comparison(predictor, data, indices, variance).chi2_per_pixel({}) - 1
+
+    assert excess(True) < 0.5 * excess(False)
+    chosen = choose_sampling(captures, [], {})
+    assert chosen is not None and chosen.sampling.has_weighted_stops and chosen.may_leave > 0
+
+
+@pytest.mark.parametrize("of_cause", [0.0, 0.02, 1.0])
+def test_further_samples_are_taken_where_causes_leave_what_they_take(of_cause: float) -> None:
+    captures = make_captures(small_system(1), {}, AcquisitionSettings(captures_per_condition=1))
+    own = SamplingConfig(2, 2, AREA, has_weighted_stops=True)
+
+    def left(sampling: SamplingConfig) -> float:
+        return 1.0 + of_cause + 10.0 / (sampling.finer * sampling.padding) ** 4
+
+    found = further_samples(captures, own, left(own), 1e5, left)
+    assert found == (None if of_cause == 1.0 else replace(own, padding=3 if of_cause else 4))
+    assert further_samples(captures, SamplingConfig(padding=3), 9.0, 1e5, left) is None
+
+
+def test_what_samples_may_leave_is_not_searched_for_causes() -> None:
+    captures = make_captures(small_system(1), TILTED, AcquisitionSettings(captures_per_condition=6, seed=3))
+    context = make_context_of(captures)
+    nominal = rank_on_held_out(context, []).nominal.excess
+    asked: list[str] = []
+    for share in (1.0, 0.5):
+        limited = replace(context, left_by_samples=share * nominal, effects={"tilt": context.effects["tilt"]})
+        _, result = find_causes(limited, lambda done, total, what: asked.append(what))
+        assert bool(asked) == (share < 1) and result.best.causes == (("tilt",) if asked else ())

@@ -26,7 +26,7 @@ from holoview.bench.captures.predictor import PLAIN, SamplingConfig
 from holoview.bench.captures.prepared_captures import estimate_prnu
 from holoview.bench.diagnose.capture_split import spread_over_wavelengths
 from holoview.bench.diagnose.config import SearchConfig
-from holoview.bench.diagnose.fit import FittedValues
+from holoview.bench.diagnose.fit import CandidateFit, FittedValues, local_fit
 from holoview.bench.diagnose.judge import (
     Decision,
     HeldOutScore,
@@ -37,7 +37,14 @@ from holoview.bench.diagnose.judge import (
     score_on_held_out,
 )
 from holoview.bench.diagnose.likelihood import Comparison, Values, mean_is_significant
-from holoview.bench.diagnose.sampling_choice import MOST_BY_SAMPLES, finer_samples, further_samples, other_samplings
+from holoview.bench.diagnose.sampling_choice import (
+    MOST_BY_SAMPLES,
+    REFITTED,
+    finer_samples,
+    further_samples,
+    other_samplings,
+)
+from holoview.bench.diagnose.screening import COSTLY_FIELDS, field_count
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.numerics.sampling import AREA
 
@@ -46,6 +53,9 @@ _NEAR_CANDIDATES = 3  # [candidates] The best, beside which finer samples of a n
 _CACHE_MB = 64
 """[MB] Cache of each predictor. Evidence: causes are left out one after the other, which changes only a part of a
 prediction."""
+_REFIT_CAPTURES = (
+    2  # [captures] To which a candidate of many fields is fitted with finer samples, and that judge these.
+)
 _MAX_LEFT_SHARE = 0.5
 """[1] Other samples count if they leave less than this share of the excess; a cause is needed beside them if it removes
 this share of their excess."""
@@ -229,6 +239,8 @@ def _further_near(context: SearchContext, best: HeldOutScore) -> SamplingConfig 
 
 def _explaining_near(context: SearchContext, candidate: HeldOutScore) -> SamplingConfig | None:
     """The samples of a near field that explain what a candidate leaves, or what it leaves without one of its causes."""
+    if field_count(context, candidate.fit.values) >= COSTLY_FIELDS:
+        return _explaining_costly(context, candidate.fit)
     comparison = _check_comparison(context, Decision(Verdict.PARTLY, candidate))
     create = partial(context.predictor.create, cache_mb=_CACHE_MB)
 
@@ -246,6 +258,31 @@ def _explaining_near(context: SearchContext, candidate: HeldOutScore) -> Samplin
         if chosen is not None and chosen.chi2 <= most:
             return chosen.sampling
     return None
+
+
+def _explaining_costly(context: SearchContext, candidate: CandidateFit) -> SamplingConfig | None:
+    """As `_explaining_near`, for a candidate that takes detail away in many fields, as pixels that integrate do: it is
+    fitted again with the samples of which it may have taken the part."""
+    captures, own = context.data.captures, candidate.values
+    judging, fitting = (
+        spread_over_wavelengths(captures, indices, _REFIT_CAPTURES)
+        for indices in (context.split.held_out, context.split.coarse)
+    )
+    error = context.relative_model_error(own, judging)
+    if error > MOST_BY_SAMPLES or REFITTED[0] not in other_samplings(captures, PLAIN):
+        return None
+
+    def predicted(comparison: Comparison, sampling: SamplingConfig) -> Comparison:
+        return comparison.with_predictor(context.predictor.create(**sampling.keywords, cache_mb=_CACHE_MB))
+
+    effects = [context.effects[name] for name in candidate.causes]
+    again = local_fit(effects, own, predicted(context.tolerant_comparison(fitting, error), REFITTED[0])).values
+    by_model = context.model_weighted_comparison(judging, own)
+    left, pixels = by_model.chi2_per_pixel(own), by_model.pixel_count
+    chosen = finer_samples(
+        captures, left, pixels, lambda finer: predicted(by_model, finer).chi2_per_pixel(again), is_dear=True
+    )
+    return None if chosen is None else chosen.sampling
 
 
 def _credit_sampling(
