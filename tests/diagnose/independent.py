@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 
 import h5py
@@ -194,10 +195,12 @@ def intensity(
     rows, columns, side = *lab.shape, lab.fine // lab.camera
     distance_m = lab.distance_m * lab.faults.camera.rail.travel + lab.faults.distance_m
     y, x = (np.arange(n * lab.fine) + lab.window // 2 * n * lab.fine for n in lab.shape)
-    seen = 0.0
-    for power, line_m, is_modulated in lab.faults.light.components(wavelength_m):
-        field = _field(lab, levels * is_modulated, line_m, distance_m, camera_px)
-        seen = seen + power * lab.faults.camera.light(field, y, x, distance_m)
+    seen, directions = 0.0, lab.faults.light.directions()
+    for (power, line_m, is_modulated), tilt in product(lab.faults.light.components(wavelength_m), directions):
+        own = tuple(a + b for a, b in zip(lab.faults.tilt_rad, tilt, strict=True))
+        tilted = replace(lab, faults=replace(lab.faults, tilt_rad=own))
+        field = _field(tilted, levels * is_modulated, line_m, distance_m, camera_px)
+        seen = seen + power / len(directions) * lab.faults.camera.light(field, y, x, distance_m)
     return seen.reshape(rows * lab.camera, side, columns * lab.camera, side).mean(axis=(1, 3))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,14 +107,26 @@ class ModulatorFaults:
         return opd_m * stroke * share**exponent
 
 
+_SOURCE_POINTS = 37
+
+
 @dataclass(frozen=True)
 class LightFaults:
     """second_mode: power relative to that of the first, and how much longer its wavelength is (m). turned_deg: angle
-    between the plane in which light is polarised and that in which liquid crystals act.
+    between the plane in which light is polarised and that in which liquid crystals act. source_rad: angular radius of a
+    disc of mutually incoherent light.
     """
 
     second_mode: tuple[float, float] = (0.0, 0.0)
     turned_deg: float = 0.0
+    source_rad: float = 0.0
+
+    def directions(self) -> list[tuple[float, float]]:
+        """Tilts (y, x) of waves that add in intensity, all of the same power: a sunflower's seeds."""
+        count = _SOURCE_POINTS if self.source_rad else 1
+        n = np.arange(count) + 0.5
+        radius, angle = self.source_rad * np.sqrt(n / count), math.pi * (3 - math.sqrt(5)) * n
+        return list(zip((radius * np.sin(angle)).tolist(), (radius * np.cos(angle)).tolist(), strict=True))
 
     def components(self, wavelength_m: float) -> list[tuple[float, float, bool]]:
         """What adds in intensity: (power, wavelength, whether the modulators act on it)."""

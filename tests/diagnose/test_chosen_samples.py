@@ -15,7 +15,7 @@ from holoview.bench.captures.predictor import SamplingConfig
 from holoview.bench.captures.prepared_captures import prepare_captures
 from holoview.bench.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.bench.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.bench.diagnose.fit import CandidateFit
+from holoview.bench.diagnose.fit import CandidateFit, local_fit
 from holoview.bench.diagnose.judge import Decision, Verdict, rank_on_held_out
 from holoview.bench.diagnose.likelihood import Comparison
 from holoview.bench.diagnose.nuisances import drop_sampling_artefacts, samples_that_explain
@@ -23,7 +23,8 @@ from holoview.bench.diagnose.sampling_choice import ChosenSampling, choose_sampl
 from holoview.bench.diagnose.search import find_causes
 from holoview.light.numerics.sampling import AREA
 from tests.diagnose.conftest import make_context_of, small_system
-from tests.diagnose.independent import Laboratory, write_session
+from tests.diagnose.independent import Faults, Laboratory, write_session
+from tests.diagnose.independent_modulators import LightFaults
 from tests.explored import explored
 
 TILTED = {"tilt": {"tilt_y": 2e-4}}
@@ -106,6 +107,23 @@ def test_stops_by_shares_are_nearer_to_a_wider_window_and_are_chosen(seed: int, 
     assert excess(True) < 0.5 * excess(False)
     chosen = choose_sampling(captures, [], {})
     assert chosen is not None and chosen.sampling.has_weighted_stops and chosen.may_leave > 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_a_source_is_fitted_again_before_finer_samples_are_refused(is_alone: bool, tmp_path: Path) -> None:
+    """Pixels that integrate take detail away as a source does, which is fitted too large without them. Samples don't
+    explain what a gap of another length leaves beside it."""
+    faults = Faults(light=LightFaults(source_rad=1.2e-3), gap_m=0.0 if is_alone else 1.5e-4)
+    laboratory = Laboratory(each=3, window=5, faults=faults)
+    captures = read_captures(write_session(tmp_path / "c.h5", laboratory))
+    context = replace(make_context_of(captures), has_open_sampling=True)
+    source = context.effects["source_extent"]
+    start = {"source_extent": {"radius": 1.2e-3, "outline": 0.0}}
+    fit = local_fit([source], start, context.tolerant_comparison(context.split.coarse, 0.1))
+    assert fit.values["source_extent"]["radius"] > 1.2e-3
+    found = samples_that_explain(context, rank_on_held_out(context, [fit]))
+    assert (found is not None) == is_alone and (found is None or found.has_weighted_stops)
 
 
 @pytest.mark.parametrize("of_cause", [0.0, 0.02, 1.0])
