@@ -19,7 +19,7 @@ from holoview.bench.diagnose.fit import CandidateFit, local_fit
 from holoview.bench.diagnose.judge import Decision, Verdict, rank_on_held_out
 from holoview.bench.diagnose.likelihood import Comparison
 from holoview.bench.diagnose.nuisances import drop_sampling_artefacts, samples_that_explain
-from holoview.bench.diagnose.sampling_choice import ChosenSampling, choose_sampling, finer_samples, further_samples
+from holoview.bench.diagnose.sampling_choice import choose_sampling, finer_samples, further_samples
 from holoview.bench.diagnose.search import find_causes
 from holoview.light.numerics.sampling import AREA
 from tests.diagnose.conftest import make_context_of, small_system
@@ -50,11 +50,19 @@ def test_a_cause_that_takes_no_more_than_chosen_samples_may_leave_is_not_named(m
         assert decision.best is not None and decision.best.causes == ("tilt",)
 
 
-def test_finer_samples_may_leave_a_share_of_what_they_took_and_kinds_of_pixels_nothing() -> None:
-    assert ChosenSampling(SamplingConfig(2, 3, AREA), 1.04, 9.0, 1.79).may_leave == pytest.approx(0.15)
-    weighted = SamplingConfig(2, 3, AREA, has_weighted_stops=True)
-    assert ChosenSampling(weighted, 1.04, 9.0, 1.79).may_leave == pytest.approx(0.05)
-    assert ChosenSampling(SamplingConfig(points=AREA), 1.04, 1.79, 1.04).may_leave == 0
+@pytest.mark.parametrize(("is_weighted", "share"), [(True, 1 / 15), (False, 1 / 5)])
+def test_finer_samples_may_leave_a_share_of_what_they_took(is_weighted: bool, share: float) -> None:
+    captures = make_captures(small_system(1), {}, AcquisitionSettings(captures_per_condition=1))
+
+    def measured(sampling: SamplingConfig) -> float:
+        kind = 1.0 if sampling.has_weighted_stops == is_weighted else 5.0
+        return 1.0 + kind * 160.0 / (sampling.finer * sampling.padding) ** 4
+
+    chosen = finer_samples(captures, 100.0, 1e6, measured)
+    assert chosen is not None and chosen.sampling == SamplingConfig(2, 4, AREA, is_weighted)
+    assert chosen.may_leave == pytest.approx(
+        share * (measured(replace(chosen.sampling, finer=1, padding=2)) - chosen.chi2)
+    )
 
 
 @pytest.mark.parametrize(("of_cause", "is_taken"), [(0.0, True), (1.0, True), (3.0, True), (8.0, False), (1e3, False)])

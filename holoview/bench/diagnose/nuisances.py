@@ -53,9 +53,9 @@ _NEAR_CANDIDATES = 3  # [candidates] The best, beside which finer samples of a n
 _CACHE_MB = 64
 """[MB] Cache of each predictor. Evidence: causes are left out one after the other, which changes only a part of a
 prediction."""
-_REFIT_CAPTURES = (
-    2  # [captures] To which a candidate of many fields is fitted with finer samples, and that judge these.
-)
+_REFIT_CAPTURES = 2
+"""[captures] To which a candidate of many fields is fitted with finer samples, and that judge these. Evidence: reason:
+each takes hundreds of fields."""
 _MAX_LEFT_SHARE = 0.5
 """[1] Other samples count if they leave less than this share of the excess; a cause is needed beside them if it removes
 this share of their excess."""

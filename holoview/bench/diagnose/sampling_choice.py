@@ -46,7 +46,8 @@ shares. Evidence: measured: four fault-free benches, simulated in a window five 
 excess χ²/n of 4.2 to 5.3 with (1, 2), 2.3 to 3.2 with (2, 2) and 0.7 to 1.0 with (2, 3) by samples, and by shares of
 2.1 to 2.8, 0.5 to 0.6 and 0.2 to 0.4."""
 REFITTED = _LADDERS[1][1:]
-"""[1] Beside causes that are fitted with samples of their own. The first step changes mostly what such causes take."""
+"""[1] With which causes of many fields are fitted again, and by which they are judged. Without the first step, which
+changes mostly what such causes take."""
 _CHAIN_LADDER = ((1, 2), (1, 4), (2, 2), (2, 3), (2, 4), (4, 4))
 """[1] Finer samples and padding of a chain, by cost. Evidence: measured: of a simulation with 4 samples a pixel and 4
 times the width of 32 pixels, χ²/n of the true bench was 4 to 30 with (1, 2), 2 to 6 with (2, 2) and 1.02 to 1.08 with
@@ -85,10 +86,11 @@ MOST_BY_SAMPLES = 0.1
 """[1] Error of the light, over the mean light, beyond which finer samples aren't tried beside causes. Evidence:
 measured: of the light of four near fields, one of them behind two modulators, they changed 3 to 5 %."""
 _AS_GOOD = 1.1  # [1] Of samples as good as the best the excess is at most so many times as large. Evidence: a reason.
-_LEFT_BY_SAMPLES, _LEFT_BY_WEIGHTED = 1 / 5, 1 / 15
-"""[1] What finer samples leave of χ²/n, over what they took of that of the first step, with stops by samples and by
-shares. Evidence: measured on four simulated benches with 6 and 8 samples a pixel in a window five times as wide: 0.17
-and 0.18 by samples, 0.015 to 0.05 by shares."""
+_LEFT, _LEFT_BY_SAMPLES = 1 / 15, 1 / 5
+"""[1] What finer samples leave of χ²/n, over what they took of that of the first step; the latter of a near field with
+stops by samples. Evidence: derivation: half the step leaves a quarter of an error of second order, a sixteenth of its
+square. Measured on four simulated near fields with 6 and 8 samples a pixel in a window five times as wide: with stops
+by shares 0.015 to 0.05, by samples 0.17 and 0.18."""
 
 
 def other_samplings(captures: Captures, own: SamplingConfig) -> list[SamplingConfig]:
@@ -114,19 +116,13 @@ def other_samplings(captures: Captures, own: SamplingConfig) -> list[SamplingCon
 
 @dataclass(frozen=True)
 class ChosenSampling:
-    """A sampling that was assumed. chi2: χ²/n of the nominal bench with it; other: with the other kind of pixels;
-    coarse: with the same pixels and the coarsest samples, if it is known."""
+    """A sampling that was assumed. chi2: χ²/n of the nominal bench with it; other: with the other kind of pixels.
+    may_leave: excess of χ²/n that still finer samples might take; none where the kind of pixels alone was chosen."""
 
     sampling: SamplingConfig
     chi2: float
     other: float
-    coarse: float | None = None
-
-    @property
-    def may_leave(self) -> float:
-        """The excess of χ²/n that still finer samples might take; none where the kind of pixels alone was chosen."""
-        share = _LEFT_BY_WEIGHTED if self.sampling.has_weighted_stops else _LEFT_BY_SAMPLES
-        return 0.0 if self.coarse is None else share * (self.coarse - self.chi2)
+    may_leave: float = 0.0
 
     @property
     def note(self) -> str:
@@ -222,7 +218,10 @@ def _best_climbed(
     """The best that `_climbed` finds on the ladders of the near field; of two as good ones the one of fewer samples."""
     others = other_samplings(captures, PLAIN)
     ladders = [[one for one in ladder if one in others] for ladder in _LADDERS]
-    climbed = [_climbed(nominal, pixels, measured, ladder, is_patient) for ladder in ladders]
+    climbed = [
+        _climbed(nominal, pixels, measured, ladder, is_patient, leaves=leaves)
+        for ladder, leaves in zip(ladders, (_LEFT_BY_SAMPLES, _LEFT), strict=True)
+    ]
     found = sorted(filter(None, climbed), key=lambda chosen: chosen.chi2)
     as_good = [one for one in found if one.chi2 - 1 <= _AS_GOOD * (found[0].chi2 - 1) + _MIN_DELTA_CHI2 / pixels]
     return min(as_good, key=lambda chosen: chosen.sampling.samples_factor, default=None)
@@ -235,9 +234,10 @@ def _climbed(
     ladder: Sequence[SamplingConfig],
     is_patient: bool = False,
     most_left: float = _MAX_LEFT_SHARE,
+    leaves: float = _LEFT,
 ) -> ChosenSampling | None:
     """The finest sampling of the ladder that is needed, where it leaves less than a share of what the usual one does.
-    is_patient: it climbs beyond a step that gains nothing."""
+    is_patient: it climbs beyond a step that gains nothing. leaves: share of its gain that finer samples might take."""
     best, left, coarse = PLAIN, nominal, None
     for sampling in ladder:
         found = measured(sampling)
@@ -248,7 +248,7 @@ def _climbed(
             break
     if best == PLAIN or left - 1 > most_left * (nominal - 1):
         return None
-    return ChosenSampling(best, left, nominal, coarse)
+    return ChosenSampling(best, left, nominal, 0.0 if coarse is None else leaves * (coarse - left))
 
 
 def is_noise_assumed(captures: Captures) -> bool:
