@@ -199,10 +199,8 @@ def free_fine_parameters(context: SearchContext, result: SearchResult, *, also_c
         score = score_on_held_out(fit, result.comparison, result.tolerant_comparison)
         gained = (before.chi2_per_pixel - score.chi2_per_pixel) * result.pixel_count
         share = _MAX_FINE_EXCESS_SHARE if _is_near(context, before.fit) else _MAX_FAR_FINE_EXCESS_SHARE
-        samples = context.left_by_samples
-        if gained >= context.config.verdict.min_delta_chi2 and score.excess - samples <= share * (
-            before.excess - samples
-        ):
+        left, left_before = (one.excess - context.left_by_samples for one in (score, before))
+        if gained >= context.config.verdict.min_delta_chi2 and left <= share * left_before:
             better[before.causes] = fit
     fits = [better.get(c.causes, c.fit) for c in result.candidates]
     return rank_on_held_out(context, fits) if better else result
