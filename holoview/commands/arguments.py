@@ -382,7 +382,7 @@ def _flag_options(field: Field[Any], more_words: tuple[str, ...], states_units: 
         return {"type": parse_duration, "metavar": "TIME"}
     if isinstance(kind, Truth):
         is_open = isinstance(field.metadata["kind"], Maybe)
-        return {"action": argparse.BooleanOptionalAction if is_open else "store_true"}
+        return {"action": argparse.BooleanOptionalAction} if is_open else {"action": "store_true", "default": None}
     return {"metavar": "FILE", "suffix": kind.suffix} if isinstance(kind, WrittenFile) else {"metavar": "TEXT"}
 
 

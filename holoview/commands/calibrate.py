@@ -69,8 +69,7 @@ def run(args: argparse.Namespace) -> int:
 def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], belongs_to: str) -> None:
     """Raises UserError for an option that only the other form of the command has."""
     for option in options:
-        given = getattr(args, option)
-        if given is not None and given is not False:  # flags without a value are False
+        if getattr(args, option) is not None:
             raise UserError(f"--{option.replace('_', '-')}", "doesn't apply here", expected=f"it with `{belongs_to}`")
 
 

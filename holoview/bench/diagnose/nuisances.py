@@ -230,8 +230,7 @@ def _further_near(context: SearchContext, best: HeldOutScore) -> SamplingConfig 
         return None
 
     def measured(sampling: SamplingConfig) -> float:
-        finer = context.predictor.create(**sampling.keywords, cache_mb=_CACHE_MB)
-        return comparison.with_predictor(finer).chi2_per_pixel(values)
+        return _with_sampling(context, comparison, sampling).chi2_per_pixel(values)
 
     left, pixels = comparison.chi2_per_pixel(values), comparison.pixel_count
     return further_samples(context.data.captures, context.sampling, left, pixels, measured)
@@ -242,10 +241,9 @@ def _explaining_near(context: SearchContext, candidate: HeldOutScore) -> Samplin
     if field_count(context, candidate.fit.values) >= COSTLY_FIELDS:
         return _explaining_costly(context, candidate.fit)
     comparison = _check_comparison(context, Decision(Verdict.PARTLY, candidate))
-    create = partial(context.predictor.create, cache_mb=_CACHE_MB)
 
     def measured(values: Values, sampling: SamplingConfig) -> float:
-        return comparison.with_predictor(create(**sampling.keywords)).chi2_per_pixel(values)
+        return _with_sampling(context, comparison, sampling).chi2_per_pixel(values)
 
     needed_gain = context.config.verdict.min_delta_chi2 / comparison.pixel_count
     most = comparison.chi2_per_pixel(candidate.fit.values) - needed_gain
@@ -271,18 +269,22 @@ def _explaining_costly(context: SearchContext, candidate: CandidateFit) -> Sampl
     error = context.relative_model_error(own, judging)
     if error > MOST_BY_SAMPLES or REFITTED[0] not in other_samplings(captures, PLAIN):
         return None
-
-    def predicted(comparison: Comparison, sampling: SamplingConfig) -> Comparison:
-        return comparison.with_predictor(context.predictor.create(**sampling.keywords, cache_mb=_CACHE_MB))
-
     effects = [context.effects[name] for name in candidate.causes]
-    again = local_fit(effects, own, predicted(context.tolerant_comparison(fitting, error), REFITTED[0])).values
+    tolerant = _with_sampling(context, context.tolerant_comparison(fitting, error), REFITTED[0])
+    again = local_fit(effects, own, tolerant).values
     by_model = context.model_weighted_comparison(judging, own)
     left, pixels = by_model.chi2_per_pixel(own), by_model.pixel_count
-    chosen = finer_samples(
-        captures, left, pixels, lambda finer: predicted(by_model, finer).chi2_per_pixel(again), is_dear=True
-    )
+
+    def measured(sampling: SamplingConfig) -> float:
+        return _with_sampling(context, by_model, sampling).chi2_per_pixel(again)
+
+    chosen = finer_samples(captures, left, pixels, measured, is_dear=True)
     return None if chosen is None else chosen.sampling
+
+
+def _with_sampling(context: SearchContext, comparison: Comparison, sampling: SamplingConfig) -> Comparison:
+    """A comparison with a predictor of other samples."""
+    return comparison.with_predictor(context.predictor.create(**sampling.keywords, cache_mb=_CACHE_MB))
 
 
 def _credit_sampling(
@@ -325,8 +327,7 @@ def _alternative_comparisons(
     possible = other_samplings(captures, own)
     if only_pixels:
         possible = [one for one in possible if replace(one, points=None) == replace(own, points=None)]
-    create = partial(context.predictor.create, cache_mb=_CACHE_MB)
-    return {sampling: comparison.with_predictor(create(**sampling.keywords)) for sampling in possible}
+    return {sampling: _with_sampling(context, comparison, sampling) for sampling in possible}
 
 
 def _check_comparison(context: SearchContext, decision: Decision) -> Comparison:

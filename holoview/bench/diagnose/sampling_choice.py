@@ -187,8 +187,7 @@ def finer_samples(
     a real bench's stops are tried, no finer than needed.
     """
     if is_dear:
-        others = other_samplings(captures, PLAIN)
-        return _climbed(left, pixels, measured, [one for one in REFITTED if one in others])
+        return _climbed(left, pixels, measured, _possible(REFITTED, captures))
     return _best_climbed(captures, left, pixels, measured, is_patient=True)
 
 
@@ -201,11 +200,16 @@ def further_samples(
 ) -> SamplingConfig | None:
     """Finer samples of a near field than those that were chosen by its nominal bench, where causes leave so little that
     a further step shows; None where it doesn't. The other arguments are as of `finer_samples`."""
-    others = other_samplings(captures, own)
     ladder = next((ladder for ladder in _LADDERS if own in ladder), ())
-    finer = [one for one in ladder if one in others and one.samples_factor > own.samples_factor]
+    finer = [one for one in _possible(ladder, captures) if one.samples_factor > own.samples_factor]
     chosen = _climbed(left, pixels, measured, finer, most_left=1.0)
     return None if chosen is None else chosen.sampling
+
+
+def _possible(ladder: Sequence[SamplingConfig], captures: Captures) -> list[SamplingConfig]:
+    """The steps of a ladder that captures may have been made with, and that memory allows."""
+    others = other_samplings(captures, PLAIN)
+    return [one for one in ladder if one in others]
 
 
 def _best_climbed(
@@ -216,11 +220,9 @@ def _best_climbed(
     is_patient: bool = False,
 ) -> ChosenSampling | None:
     """The best that `_climbed` finds on the ladders of the near field; of two as good ones the one of fewer samples."""
-    others = other_samplings(captures, PLAIN)
-    ladders = [[one for one in ladder if one in others] for ladder in _LADDERS]
     climbed = [
-        _climbed(nominal, pixels, measured, ladder, is_patient, leaves=leaves)
-        for ladder, leaves in zip(ladders, (_LEFT_BY_SAMPLES, _LEFT), strict=True)
+        _climbed(nominal, pixels, measured, _possible(ladder, captures), is_patient, leaves=leaves)
+        for ladder, leaves in zip(_LADDERS, (_LEFT_BY_SAMPLES, _LEFT), strict=True)
     ]
     found = sorted(filter(None, climbed), key=lambda chosen: chosen.chi2)
     as_good = [one for one in found if one.chi2 - 1 <= _AS_GOOD * (found[0].chi2 - 1) + _MIN_DELTA_CHI2 / pixels]
@@ -238,17 +240,16 @@ def _climbed(
 ) -> ChosenSampling | None:
     """The finest sampling of the ladder that is needed, where it leaves less than a share of what the usual one does.
     is_patient: it climbs beyond a step that gains nothing. leaves: share of its gain that finer samples might take."""
-    best, left, coarse = PLAIN, nominal, None
+    best, left, found = PLAIN, nominal, list[float]()
     for sampling in ladder:
-        found = measured(sampling)
-        coarse = found if coarse is None else coarse
-        if (left - found) * pixels >= _MIN_DELTA_CHI2 and found - 1 <= _MAX_STEP_SHARE * (left - 1):
-            best, left = sampling, found
+        found.append(measured(sampling))
+        if (left - found[-1]) * pixels >= _MIN_DELTA_CHI2 and found[-1] - 1 <= _MAX_STEP_SHARE * (left - 1):
+            best, left = sampling, found[-1]
         elif not is_patient:
             break
     if best == PLAIN or left - 1 > most_left * (nominal - 1):
         return None
-    return ChosenSampling(best, left, nominal, 0.0 if coarse is None else leaves * (coarse - left))
+    return ChosenSampling(best, left, nominal, leaves * (found[0] - left))
 
 
 def is_noise_assumed(captures: Captures) -> bool:
