@@ -1,5 +1,6 @@
 // Hooks of a plain FFT: complex numbers in one buffer, transformed in place.
-// Link it after `complex_f32.wgsl` or `complex_u64.wgsl`, which define `StoredComplex`.
+// Link it after `complex_f32.wgsl` or `complex_u64.wgsl`, which define `StoredComplex`, and after `buffer_plain.wgsl` or
+// `buffer_texels.wgsl`, which read a number.
 
 // Complex numbers from one row to the next (padding included), and from one field of the batch to the next.
 override row_stride: u32;
@@ -17,7 +18,7 @@ fn index_of(position: vec3u) -> u32 {
 fn begin(line: u32, field: u32) {}
 
 fn load(position: vec3u) -> vec2f {
-    return decode_complex(values[index_of(position)]);
+    return read_value(index_of(position));
 }
 
 fn store(position: vec3u, value: vec2f) {
@@ -25,7 +26,7 @@ fn store(position: vec3u, value: vec2f) {
 }
 
 fn load_work(position: vec3u) -> vec2f {
-    return decode_complex(values[index_of(position)]);
+    return read_value(index_of(position));
 }
 
 fn store_work(position: vec3u, value: vec2f) {

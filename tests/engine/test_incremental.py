@@ -17,7 +17,7 @@ from holoview.light.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.torch_executor import TorchExecutor
-from holoview.light.gpu.device import Device, DeviceLost, open_device
+from holoview.light.gpu.device import SUBGROUP, Device, DeviceLost, open_device
 from holoview.light.gpu.line_fft import Strategy, supported_strategies
 from holoview.light.model.bench_parts import Modulator
 from holoview.light.model.effects.registry import load_user_effects, without_user_effects
@@ -240,10 +240,15 @@ def test_the_light_of_an_edited_laser_is_added_to_the_sum_of_the_others(
     assert np.array_equal(renderer.xyz(), fresh)
 
 
-def test_numbers_read_singly_or_in_pairs_give_the_same_image_bit_for_bit(device: Device) -> None:
+@pytest.mark.parametrize("strategy", ["passes", "subgroup"])
+def test_numbers_read_as_texels_or_from_a_buffer_give_the_same_image_bit_for_bit(
+    device: Device, strategy: Strategy
+) -> None:
     found = []
-    for each in (device, open_device(device.info.name, features=())):
-        renderer = _open(each, strategy="passes")
+    for each in (device, open_device(device.info.name, features=(SUBGROUP,))):
+        if strategy not in supported_strategies(each, (64, 64)):
+            pytest.skip("this adapter's lanes exchange nothing")
+        renderer = _open(each, strategy=strategy)
         found.append(renderer.xyz())
         renderer.edit(**_amplitudes(f0w1=0.3))
         renderer.update(may_reorder=True)

@@ -27,6 +27,7 @@ from holoview.light.gpu.line_fft import LineFft, Strategy, supported_strategies
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch
 from holoview.light.gpu.shader import GeneratedWgsl, ShaderError, WgslStruct, link
 from holoview.light.gpu.spectrum_order import Range
+from holoview.light.gpu.texels import reads_texels
 from holoview.light.model.passband import turns_to_fixed_point
 from holoview.light.model.plan import Grid, make_plan
 from holoview.light.optics.propagate import transfer_function
@@ -38,7 +39,7 @@ pytestmark = pytest.mark.gpu
 STRUCTS = {struct.name: struct for struct in vars(shader_structs).values() if isinstance(struct, WgslStruct)}
 DECLARATIONS = GeneratedWgsl("structs", "".join(struct.wgsl for struct in STRUCTS.values()))
 SWITCH = re.compile(r"^override (\w+): bool\b", re.MULTILINE)
-STORAGES = {"display/composite.wgsl": [["display/pixels_f32.wgsl"], ["display/pixels_u64.wgsl"]]}
+STORAGES = {"display/composite.wgsl": [["display/pixels_f32.wgsl"], ["display/pixels_texels.wgsl"]]}
 """Files that a shader has to be linked after, one of each list."""
 NUMBER = re.compile(r"^override (\w+): [ui]32;", re.MULTILINE)
 
@@ -80,7 +81,7 @@ def test_a_shader_compiles_in_every_permutation(device: Device, name: str, const
     is_stage = "@compute" in (data_dir("shaders") / name).read_text(encoding="utf-8")
     probe = "" if is_stage else "@compute @workgroup_size(1) fn main() {}\n"
     for parts in STORAGES.get(name, [[]]):
-        if INT64 in device.features or not any("u64" in part for part in (name, *parts)):
+        if INT64 in device.features or not any("texels" in part for part in (name, *parts)):
             device.pipeline(link(DECLARATIONS, *parts, name, GeneratedWgsl("probe", probe), label=name), constants)
 
 
@@ -89,9 +90,10 @@ def _compile(device: Device, transform: LineFft) -> None:
         device.pipeline(shader.source, shader.constants)
 
 
-_ROWS = ("plain", "tiled", "in_place", "two_buffers", "singles", "fours", "load", "store", "store_fours")
+_ROWS = ("plain", "tiled", "in_place", "two_buffers", "texels", "singles", "fours", "read", "load", "load_fours")
+_ROWS = (*_ROWS, "store", "store_fours")
 _PARTS = (
-    *("columns", "propagation", "rows", "work", "observe_singles", "observe_fours"),
+    *("columns", "propagation", "rows", "work", "work_texels", "observe_singles", "observe_fours"),
     *(f"rows_{name}" for name in _ROWS),
 )
 _WHOLE: Range = (-64, 63)
@@ -105,6 +107,17 @@ SHAPES = {
     ),
     "one modulator": FrameShape(Grid((32, 64), (64, 128), (16, 32), 4e-6, 2), ((_WHOLE, _WHOLE), (_HALF, _HALF)), 1),
 }
+
+
+class _WithoutTexels(Device):
+    """A device that reads buffers, as cards do."""
+
+    def __init__(self, device: Device) -> None:
+        super().__init__(device.raw, device.info, device.limits)
+
+    @property
+    def features(self) -> frozenset[str]:
+        return super().features - {INT64}
 
 
 def _switches(kernel: str) -> list[str]:
@@ -122,6 +135,11 @@ def test_a_fused_kernel_compiles_in_every_permutation(
 ) -> None:
     if strategy not in supported_strategies(device, (64, 128)):
         pytest.skip("this adapter's lanes exchange nothing")
+    for each in {reads_texels(device): device, False: _WithoutTexels(device)}.values():
+        _compile_permutations(each, kernel, shape, half, strategy)
+
+
+def _compile_permutations(device: Device, kernel: str, shape: str, half: bool, strategy: Strategy) -> None:
     layout = FrameLayout(device, SHAPES[shape], strategy)
     first, last = layout.shape.first_relay, layout.shape.last_relay
     relays = {"light": [first], "propagate": range(first, last + 1), "modulate": range(min(first + 1, last), last + 1)}

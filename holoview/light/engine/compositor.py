@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,9 @@ from numpy.typing import NDArray
 from holoview.light.colour import XYZ_TO_SRGB
 from holoview.light.engine.shader_structs import BLEND, BLEND_TERM, SRGB_ENCODING
 from holoview.light.gpu.device import Buffer, Device
-from holoview.light.gpu.line_fft import is_read_as_u64
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.light.gpu.shader import GeneratedWgsl, link
+from holoview.light.gpu.texels import TexelMemory, Texels, fits_texels, reads_texels
 from holoview.light.numerics.sampling import ceil_div, round_up
 
 OCTET = 8
@@ -42,6 +43,7 @@ class Compositor:
         self._pixels = padded_pixels(shape)
         self._params: dict[Hashable, Buffer] = {}
         self._dispatches: dict[Hashable, Dispatch] = {}
+        self._memory: dict[str, TexelMemory] = {}
 
     @property
     def intensity_bytes(self) -> int:
@@ -89,20 +91,45 @@ class Compositor:
         blend = self._uniform(("blend", *key), BLEND.size, "blend")
         table = self._uniform(("terms", *key), MAX_TERMS * BLEND_TERM.size, "blend terms")
         self._device.write(blend, BLEND.pack(octets=octets, count=len(terms)))
+        indices = [index for index, _ in terms]
+        lowest, count = min(indices, default=0), max(indices, default=-1) + 1 - min(indices, default=0)
+        largest = max(count * self._pixels // 2, 2 * self._pixels)
+        is_copied = reads_texels(self._device) and fits_texels(self._device, largest)
         if terms:
-            items = ({"xyz": xyz, "intensity_index": index} for index, xyz in terms)
+            shift = lowest if is_copied else 0
+            items = ({"xyz": xyz, "intensity_index": index - shift} for index, xyz in terms)
             self._device.write(table, BLEND_TERM.pack_array(items))
-        if key not in self._dispatches:
+        bound_key = (*key, lowest, count) if is_copied else key
+        if bound_key not in self._dispatches:
             structs = GeneratedWgsl("structs", BLEND.wgsl + BLEND_TERM.wgsl)
-            storage = f"display/pixels_{'u64' if is_read_as_u64(self._device) else 'f32'}.wgsl"
             other = None if base is xyz_buffer else base
-            groups = [[blend, table], [intensity, xyz_buffer, other or intensity]]
+            resources: list[Any] = [intensity, xyz_buffer, other or intensity]
+            if is_copied:
+                other = base
+                resources = self._as_texels(intensity, lowest, count, base)
+                resources.insert(1, xyz_buffer)
+            storage = f"display/pixels_{'texels' if is_copied else 'f32'}.wgsl"
             source = link(structs, storage, "display/composite.wgsl")
-            switches = {"accumulates": base is xyz_buffer, "has_base": other is not None}
+            switches = {"accumulates": base is not other, "has_base": other is not None}
             pipeline = self._device.pipeline(source, switches)
             workgroups = (*workgroup_grid(ceil_div(octets, _WORKGROUP), self._device), 1)
-            self._dispatches[key] = Dispatch.bind(self._device, pipeline, groups, workgroups)
-        return self._dispatches[key]
+            self._dispatches[bound_key] = Dispatch.bind(self._device, pipeline, [[blend, table], resources], workgroups)
+        return self._dispatches[bound_key]
+
+    def _as_texels(self, intensity: Buffer, lowest: int, count: int, base: Buffer | None) -> list[Any]:
+        """Intensities from the lowest on, and XYZ to which they are added, as texels."""
+        each = self._pixels // 2  # texels of an intensity; XYZ has two for each pixel
+        found: list[Any] = []
+        for name, buffer, first, size in (
+            ("intensities", intensity, lowest * each, count * each),
+            ("XYZ", base, 0, 2 * self._pixels),
+        ):
+            memory = self._memory.get(name)
+            wanted = size if buffer is not None and size else 1
+            if memory is None or memory.size < wanted:
+                memory = self._memory[name] = TexelMemory(self._device, wanted, f"texels of {name}")
+            found.append(Texels(memory, buffer, first, size) if buffer is not None and size else memory.view)
+        return found
 
     def encode_srgb(
         self, recorder: CommandRecorder, xyz_buffer: Buffer, srgb_buffer: Buffer, exposure_stops: float = 0.0

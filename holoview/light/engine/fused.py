@@ -31,12 +31,14 @@ from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.light.engine.compositor import Compositor, WeightedIntensity
 from holoview.light.engine.fused_kernels import (
+    TABLES,
     TILE_X,
     TILE_Y,
     FrameLayout,
@@ -65,8 +67,9 @@ from holoview.light.engine.shader_structs import (
     support_table,
 )
 from holoview.light.gpu.device import Buffer, Device
-from holoview.light.gpu.line_fft import Strategy
+from holoview.light.gpu.line_fft import LineFft, Strategy
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.gpu.texels import TexelMemory, Texels
 from holoview.light.model.passband import Transfer
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.sampling import ceil_div, frequency_indices, round_up
@@ -453,8 +456,9 @@ class FusedFrame:
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory of the fields between kernels and of the work buffer."""
-        return sum(rows.buffer.nbytes for rows in self._scratch) + (self._work.nbytes if self._work else 0)
+        """Device memory of the fields between kernels, of the work buffer and of texels."""
+        others = (each.nbytes for each in (self._work, self._texels, *self._table_texels.values()) if each)
+        return sum(rows.buffer.nbytes for rows in self._scratch) + sum(others)
 
     @property
     def traffic_bytes(self) -> int:
@@ -489,6 +493,11 @@ class FusedFrame:
         label = f"rows of the field, {width} x {height}"
         self._scratch = [self.allocate_rows(label, rows) for rows in (others, largest)]
         self.strategy, self._work = strategy, work
+        self._texels: TexelMemory | None = None
+        self._table_texels: dict[str, TexelMemory] = {}
+        if layout.reads_texels and not self.fused_kernels.half:
+            most = max(largest.samples * self.max_wavelengths, (work.nbytes if work else 0) // _COMPLEX64)
+            self._texels = TexelMemory(self.device, most, label)
         self._dispatches.clear()
 
     def required_variants(self) -> frozenset[KernelVariant]:
@@ -649,16 +658,59 @@ class FusedFrame:
                 weight=weight,
             )
             separate = kernel != "observe" and source is not None and source != target
-            rows = [source.buffer, target.buffer] if source and separate else [(source or target).buffer, None]
-            out = [target.buffer] if kernel == "observe" else []
-            buffers = [self.device.uniform(params, f"parameters of {kernel}"), *rows, *tables, *out]
             variant = KernelVariant(self.fused_kernels.shape, kernel, relay, switches, separate)
             lines = lines_of(self.layout, kernel, relay)
             transform = self.fused_kernels.transform(variant, self.strategy)
-            self._dispatches[key] = transform.bind(buffers, lines, span.count, self._work)
+            rows: list[Any] = [(source or target).buffer, target.buffer if separate else None]
+            read, later, out = list[Any](tables), None, [target.buffer] if kernel == "observe" else []
+            uniform = self.device.uniform(params, f"parameters of {kernel}")
+            if self._texels is not None:
+                rows, between = self._texel_rows(kernel, relay, span, source, target, transform)
+                read = self._texel_tables(kernel, tables)
+                later = [uniform, *between, *(each.view if isinstance(each, Texels) else each for each in read), *out]
+            buffers = [uniform, *rows, *read, *out]
+            self._dispatches[key] = transform.bind(
+                buffers, lines, span.count, self._work, later=later, texels=self._texels
+            )
         for dispatch in self._dispatches[key]:
             recorder.add(dispatch)
         self.dispatch_counts[kernel] += 1
+
+    def _texel_rows(
+        self,
+        kernel: str,
+        relay: int,
+        span: WavelengthSpan,
+        source: BufferRegion | None,
+        target: BufferRegion,
+        transform: LineFft,
+    ) -> tuple[list[Any], list[Any]]:
+        """What a kernel that reads texels binds as its rows: its first shader, and further ones, which read what the
+        one before has written."""
+        texels, (read, written) = self._texels, rows_of(self.layout, kernel, relay)
+        assert texels is not None
+        worked, rows = (source, read) if source and kernel == "observe" else (target, written)
+
+        def fields(region: BufferRegion, samples: int) -> Texels:
+            return Texels(texels, region.buffer, region.first * samples, span.count * samples)
+
+        first = fields(source, read.samples) if source else texels.view
+        later = fields(worked, rows.samples) if transform.has_work_hooks else texels.view
+        return [first, worked.buffer], [later, worked.buffer]
+
+    def _texel_tables(self, kernel: str, tables: Sequence[Buffer]) -> list[Any]:
+        """The tables of a kernel that reads texels; a texture is shared by all tables of a name."""
+        bound: list[Any] = []
+        for buffer, table in zip(tables, TABLES.get(kernel, ()), strict=True):
+            if table is None:
+                bound.append(buffer)
+                continue
+            name, count = table[0], ceil_div(buffer.nbytes, _COMPLEX64)
+            memory = self._table_texels.get(name)
+            if memory is None or memory.size < count:
+                memory = self._table_texels[name] = TexelMemory(self.device, count, name)
+            bound.append(Texels(memory, buffer, 0, count))
+        return bound
 
     def _allocate_work(self, strategy: Strategy) -> Buffer | None:
         """The work buffer of the transforms, if they need one. Raises UserError for an unsupported size."""

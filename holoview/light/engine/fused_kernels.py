@@ -30,7 +30,6 @@ from holoview.light.gpu.line_fft import (
     TransformShader,
     can_access_fours,
     can_transform_repeats,
-    is_read_as_u64,
     lanes_per_line,
     precompile,
     spectrum_order,
@@ -40,6 +39,7 @@ from holoview.light.gpu.line_fft import (
 )
 from holoview.light.gpu.shader import GeneratedWgsl, WgslStruct
 from holoview.light.gpu.spectrum_order import Range, SpectrumOrder
+from holoview.light.gpu.texels import fits_texels, reads_texels
 from holoview.light.model.plan import Grid, Plan
 from holoview.light.numerics.sampling import round_up
 
@@ -193,6 +193,12 @@ class FrameLayout:
         """The light before the last relay, transformed along x and y."""
         return StoredRows(self.spectrum_rows().count, self.columns(self.shape.last_relay).count)
 
+    @cached_property
+    def reads_texels(self) -> bool:
+        """Whether kernels read stored fields as texels."""
+        largest = max((*self.entering, *self.leaving, self.kept), key=lambda rows: rows.samples)
+        return reads_texels(self.device) and fits_texels(self.device, largest.samples)
+
     @property
     def is_tiled(self) -> bool:
         """Whether rows are stored in tiles (`shaders/frame/rows_tiled.wgsl`)."""
@@ -235,6 +241,15 @@ _ACCESS: dict[bool, dict[str, tuple[str, ...]]] = {
     True: {"light": ("rows_store_fours",), "modulate": ("rows_store_fours",), "observe": ("observe_fours",)},
 }
 """Files with the hooks that load and store lines along x, by whether they access four values at a time."""
+_FIRST_TABLE = 3
+TABLES: dict[str, tuple[tuple[str, str] | None, ...]] = {
+    "light": (None, None, ("opd", "f32"), ("dense", "vec2f")),
+    "modulate": (None, ("opd", "f32"), ("dense", "vec2f")),
+    "propagate": (None, None, ("pupil", "vec2f"), ("pixel_spectra", "vec2f")),
+    "image": (None, None, ("pupil", "vec2f")),
+}
+"""Tables that kernels bind from `@binding(3)` on: name and type of number of those with a number for each sample, pixel
+or frequency; None for others, which the shaders declare."""
 _SHARED_HOOK: dict[str, Literal["load", "middle"]] = {"light": "load", "modulate": "middle"}
 """The hook that takes the transmission of a modulator pixel, which all its samples share."""
 
@@ -349,21 +364,27 @@ def make_transform(layout: FrameLayout, variant: KernelVariant, *, half: bool = 
     axis, structs = KERNELS[kernel]
     grid = layout.pixel_grid if kernel == "light" else layout.shape.grid
     lines = lines_of(layout, kernel, relay)
-    fours = not half and _accesses_fours(layout, kernel, grid)
+    texels = not half and layout.reads_texels
+    fours = texels and _accesses_fours(layout, kernel, grid)
     has_work_hooks = layout.strategy == "passes" and _holds_whole_lines(layout, kernel, relay)
     has_work_hooks = has_work_hooks and not half  # rounding to f16 after each pass would cost 12 dB of PSNR
+    buffers = "two_buffers" if variant.separate_buffers else "in_place"
     parts = (
         GeneratedWgsl("structs", GRID.wgsl + DISPATCH_PARAMS.wgsl + "".join(struct.wgsl for struct in structs)),
         GeneratedWgsl("constants", _constants_wgsl(layout, kernel, relay, grid)),
+        *(("lib/texels.wgsl",) if texels else ()),
+        GeneratedWgsl("tables", _tables_wgsl(kernel, texels)),
         storage_shader(layout.device, half=half),
         f"frame/rows_{'tiled' if layout.is_tiled else 'plain'}.wgsl",
         f"frame/rows_{'fours' if fours else 'singles'}.wgsl",
-        f"frame/rows_{'two_buffers' if variant.separate_buffers else 'in_place'}.wgsl",
-        *(("frame/work.wgsl",) if has_work_hooks else ()),
+        *(("frame/rows_texels.wgsl",) if texels else (f"frame/rows_{buffers}.wgsl", "frame/rows_read.wgsl")),
+        *(("frame/rows_load_fours.wgsl",) if fours else ()),
+        *((f"frame/work{'_texels' if texels else ''}.wgsl",) if has_work_hooks else ()),
         f"frame/{kernel}.wgsl",
         *(f"frame/{name}.wgsl" for name in _ACCESS[fours].get(kernel, ())),
     )
-    hooks = Hooks(kernel, parts, variant.switches, has_work_hooks, _SHARED_HOOK.get(kernel), grid.upsample, fours)
+    shared = _SHARED_HOOK.get(kernel)
+    hooks = Hooks(kernel, parts, variant.switches, has_work_hooks, shared, grid.upsample, fours, texels)
     shape = (lines, grid.padded[1]) if axis == "x" else (grid.padded[0], lines)
     return LineFft(layout.device, axis, shape, _steps(layout, kernel, relay), hooks, layout.strategy)
 
@@ -425,7 +446,7 @@ def _adds_lane(layout: FrameLayout, kernel: str, *grids: Grid) -> bool:
 
 def _accesses_fours(layout: FrameLayout, kernel: str, grid: Grid) -> bool:
     """Whether a kernel along x loads and stores four neighbouring values at a time, which is faster on a processor."""
-    if KERNELS[kernel][0] != "x" or layout.strategy != "subgroup" or not is_read_as_u64(layout.device):
+    if KERNELS[kernel][0] != "x" or layout.strategy != "subgroup":
         return False
     lanes = lanes_per_line(grid.padded[1], subgroup_size(layout.device))
     divides = kernel != "observe" or (grid.shape[1] % 4 == 0 and grid.offset[1] % 4 == 0)
@@ -446,6 +467,25 @@ def _holds_whole_lines(layout: FrameLayout, kernel: str, relay: int) -> bool:
     n = layout.shape.grid.padded[0]
     is_whole = layout.band(relay, 0)[1] - layout.band(relay, 0)[0] + 1 >= n
     return kernel == "propagate" and is_whole and target.rows == n
+
+
+def _tables_wgsl(kernel: str, texels: bool) -> str:
+    """WGSL of the functions that read `TABLES`."""
+    text = ""
+    for binding, table in enumerate(TABLES.get(kernel, ()), start=_FIRST_TABLE):
+        if table is None:
+            continue
+        name, number = table
+        place = f"@group(1) @binding({binding}) var"
+        declaration, read = f"{place}<storage, read> {name}: array<{number}>;", f"return {name}[index];"
+        if texels:
+            declaration = f"{place} {name}: texture_storage_2d<rg32float, read>;"
+            read = f"return textureLoad({name}, texel_place(index)).xy;"
+        if texels and number == "f32":
+            read = f"let two = textureLoad({name}, texel_place(index / 2u)).xy;"
+            read += " return select(two.x, two.y, index % 2u == 1u);"
+        text += f"{declaration}\nfn read_{name}(index: u32) -> {number} {{ {read} }}\n"
+    return text
 
 
 def _constants_wgsl(layout: FrameLayout, kernel: str, relay: int, grid: Grid) -> str:

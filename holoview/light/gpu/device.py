@@ -16,7 +16,7 @@ import wgpu
 from numpy.typing import DTypeLike, NDArray
 
 from holoview.light.gpu.adapter import ENUMERATION, MIB, AdapterInfo, check_limits, choose_adapter, native_adapters
-from holoview.light.gpu.shader import ShaderSource, compile_error
+from holoview.light.gpu.shader import TEXELS, ShaderSource, compile_error
 from holoview.util.errors import UserError
 
 Constants = Mapping[str, int | float | bool]
@@ -26,6 +26,7 @@ _MAX_PIPELINES = 256
 """Compiled shaders that are kept: some ten viewers' worth. A software adapter takes about 1.3 MB for each."""
 _UNIFORM_ALIGNMENT = 16
 _COPY_ALIGNMENT = 4
+_STORAGE_ALIGNMENT = 8
 _REQUESTED_LIMITS = (
     "max-buffer-size",
     "max-storage-buffer-binding-size",
@@ -37,6 +38,7 @@ _REQUESTED_LIMITS = (
     "max-compute-workgroup-size-z",
     "max-compute-workgroup-storage-size",
     "max-compute-workgroups-per-dimension",
+    "max-texture-dimension-2d",
 )
 
 
@@ -189,21 +191,21 @@ class Device:
             raise compile_error(source, str(error)) from error
 
     def _layout(self, source: ShaderSource) -> Any:
-        """A pipeline layout with all declared buffers, even those that the entry point doesn't use."""
-        declared = source.buffer_bindings()
+        """A pipeline layout with all that is declared, even what the entry point doesn't use."""
+        declared = source.bindings()
         if declared is None:
             return "auto"
         groups = []
         for number in range(max(declared, default=-1) + 1):
             entries = [
-                {"binding": binding, "visibility": wgpu.ShaderStage.COMPUTE, "buffer": {"type": kind}}
+                {"binding": binding, "visibility": wgpu.ShaderStage.COMPUTE, **_binding_layout(kind)}
                 for binding, kind in sorted(declared.get(number, {}).items())
             ]
             groups.append(self.raw.create_bind_group_layout(entries=entries))
         return self.raw.create_pipeline_layout(bind_group_layouts=groups)
 
     def _allocate(self, nbytes: int, label: str, kind: Literal["storage", "uniform"]) -> Buffer:
-        alignment = _UNIFORM_ALIGNMENT if kind == "uniform" else _COPY_ALIGNMENT
+        alignment = _UNIFORM_ALIGNMENT if kind == "uniform" else _STORAGE_ALIGNMENT
         size = nbytes + -nbytes % alignment
         self._check_size(size, label, kind)
         usage = wgpu.BufferUsage.UNIFORM if kind == "uniform" else wgpu.BufferUsage.STORAGE
@@ -252,6 +254,13 @@ def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP,
         remedy = "close other programs that use it, update its driver, or use --backend torch"
         raise UserError(f"adapter {info.label}", f"can't be opened: {error}", remedy=remedy) from error
     return Device(raw, info, dict(raw.limits))
+
+
+def _binding_layout(kind: str) -> dict[str, Any]:
+    """What WebGPU's layout of a bind group says of a binding."""
+    if kind == TEXELS:
+        return {"storage_texture": {"access": "read-only", "format": "rg32float", "view_dimension": "2d"}}
+    return {"buffer": {"type": kind}}
 
 
 def _pipeline_key(source: ShaderSource, constants: Constants, entry: str) -> tuple[Any, ...]:

@@ -31,6 +31,7 @@ from holoview.light.gpu.line_fft import (
     storage_shader,
 )
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch
+from holoview.light.gpu.texels import TexelMemory, Texels, fits_texels, reads_texels
 
 Complex = NDArray[np.complex64]
 RowRange = tuple[int, int]
@@ -117,11 +118,22 @@ class FftPlan:
             recorder.add(dispatch)
 
     def _bind(self, buffer: Buffer, direction: Direction, rows: RowRange) -> list[Dispatch]:
+        resources: list[Buffer | Texels] = [buffer]
+        if self._reads_texels:
+            resources.append(Texels(self._texels, buffer, 0, self.buffer_bytes // _COMPLEX_BYTES))
         dispatches = []
         for transform in self._forward if direction == "forward" else self._inverse:
             first, count = rows if transform.axis == "x" else (0, self.shape[1])
-            dispatches += transform.bind([buffer], count, self.batch, first=first)
+            dispatches += transform.bind(resources, count, self.batch, first=first)
         return dispatches
+
+    @property
+    def _reads_texels(self) -> bool:
+        return reads_texels(self._device) and fits_texels(self._device, self.buffer_bytes // _COMPLEX_BYTES)
+
+    @cached_property
+    def _texels(self) -> TexelMemory:
+        return TexelMemory(self._device, self.buffer_bytes // _COMPLEX_BYTES, "texels of an FFT")
 
     @cached_property
     def _forward(self) -> list[LineFft]:
@@ -133,5 +145,6 @@ class FftPlan:
 
     def _line_fft(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineFft:
         constants = (("row_stride", self.stride), ("field_stride", self.stride * self.shape[0]), ("scale", scale))
-        hooks = Hooks("FFT", (storage_shader(self._device), "fft/buffer.wgsl"), constants, has_work_hooks=True)
+        read = f"fft/buffer_{'texels' if self._reads_texels else 'plain'}.wgsl"
+        hooks = Hooks("FFT", (storage_shader(self._device), read, "fft/buffer.wgsl"), constants, has_work_hooks=True)
         return LineFft(self._device, axis, self.shape, (LineTransform(direction),), hooks, self.strategy)

@@ -37,12 +37,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby, islice
-from typing import Literal
+from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from holoview.light.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device
+from holoview.light.gpu.device import SUBGROUP, Buffer, Constants, Device
 from holoview.light.gpu.fft_codegen import (
     COMMON_DECLARATIONS,
     LINE_RANGE,
@@ -58,8 +58,9 @@ from holoview.light.gpu.fft_codegen import (
     scattered,
 )
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
-from holoview.light.gpu.shader import GeneratedWgsl, ShaderSource, link
+from holoview.light.gpu.shader import TEXELS, GeneratedWgsl, ShaderSource, link
 from holoview.light.gpu.spectrum_order import Direction, LineTransform, Range, SpectrumOrder, covered_digits
+from holoview.light.gpu.texels import TexelMemory, Texels, reads_texels
 from holoview.light.numerics.sampling import ceil_div
 from holoview.util.errors import UserError
 
@@ -537,6 +538,7 @@ class Hooks:
     fours: of the strategy `subgroup`, whether the hooks `load_four(position: vec3u) -> mat4x2f`, of a spectrum, and
     `store_four(position: vec3u, values: mat4x2f)` access four neighbouring values, of which `position` is the first, in
     place of `load` and `store`.
+    texels: whether the hooks read complex numbers as texels (`texels.py`). Then a work buffer is read so too.
     """
 
     name: str
@@ -546,6 +548,7 @@ class Hooks:
     shared_hook: Literal["load", "middle"] | None = None
     shared_points: int = 1
     fours: bool = False
+    texels: bool = False
 
 
 @dataclass(frozen=True)
@@ -581,6 +584,7 @@ class LineFft:
         strategy: Strategy = "passes",
     ) -> None:
         self._device, self.axis, self.shape, self._hooks, self._steps = device, axis, shape, hooks, tuple(steps)
+        self.has_work_hooks = hooks.has_work_hooks
         self._length = shape[1] if axis == "x" else shape[0]
         self._strategy = strategy
         check_strategy(device, axis, self._length, strategy)
@@ -597,16 +601,31 @@ class LineFft:
             self.work_bytes = shape[0] * (shape[1] + ROW_PADDING) * _COMPLEX_BYTES
 
     def bind(
-        self, resources: Sequence[Buffer | None], lines: int, fields: int, work: Buffer | None = None, *, first: int = 0
+        self,
+        resources: Sequence[Buffer | Texels | None],
+        lines: int,
+        fields: int,
+        work: Buffer | None = None,
+        *,
+        first: int = 0,
+        later: Sequence[Buffer | Texels | Any | None] | None = None,
+        texels: TexelMemory | None = None,
     ) -> list[Dispatch]:
         """The dispatches that transform lines first … first + lines − 1 of each of `fields` fields.
 
-        resources: bound to `@group(1)`, which belongs to the hooks. work: `work_bytes` for each field.
+        resources: bound to `@group(1)`, which belongs to the hooks. work: `work_bytes` for each field. later: what
+        shaders behind the first bind in place of `resources`. texels: where those of the work buffer are, of hooks that
+        read texels.
         """
         line_range = self._device.uniform(LINE_RANGE.pack(first=first, count=lines), "lines")
+        work_read: list[Buffer | Texels | None] = [work]
+        if work and texels and self._hooks.texels and self.work_bytes:
+            work_read.append(Texels(texels, work, 0, fields * self.work_bytes // _COMPLEX_BYTES))
         dispatches = []
-        for shader in self.shaders:
-            groups = [[line_range], resources if shader.uses_hooks else [], [work] if shader.uses_work else []]
+        for number, shader in enumerate(self.shaders):
+            hooked = later if later and number else resources
+            worked = work_read if number else [work]
+            groups = [[line_range], hooked if shader.uses_hooks else [], worked if shader.uses_work else []]
             workgroups = (*workgroup_grid(shader.workgroups(lines), self._device), fields)
             pipeline = self._device.pipeline(shader.source, shader.constants)
             dispatches.append(Dispatch.bind(self._device, pipeline, groups, workgroups))
@@ -642,7 +661,8 @@ class LineFft:
             text = generate_pass_shader(
                 self.axis, steps, is_first=number == 0, is_last=number == last, begin=uses_hooks
             )
-            parts: list[Part] = ["fft/work.wgsl"] if uses_work else []
+            reads_texels = self._hooks.texels and number > 0
+            parts: list[Part] = [f"fft/work{'_texels' if reads_texels else ''}.wgsl"] if uses_work else []
             constants: dict[str, int | float | bool] = {}
             if uses_work:
                 constants |= {"work_row_stride": row, "work_field_stride": row * self.shape[0]}
@@ -708,12 +728,7 @@ def storage_shader(device: Device, *, half: bool = False) -> str:
     """
     if half:
         return "fft/complex_f16.wgsl"
-    return "fft/complex_u64.wgsl" if is_read_as_u64(device) else "fft/complex_f32.wgsl"
-
-
-def is_read_as_u64(device: Device) -> bool:
-    """Whether shaders read and write pairs of f32 as 64-bit integers."""
-    return device.info.is_cpu and INT64 in device.features
+    return "fft/complex_u64.wgsl" if reads_texels(device) else "fft/complex_f32.wgsl"
 
 
 def subgroup_size(device: Device) -> int:
@@ -773,20 +788,20 @@ def precompile(device: Device, shaders: Iterable[TransformShader]) -> None:
         if device.has_pipeline(shader.source, shader.constants):
             continue
         recorder = CommandRecorder(device, "shaders")
-        declared = shader.source.buffer_bindings() or {}
-        groups = [_dummy_buffers(device, declared.get(number, {})) for number in range(max(declared, default=-1) + 1)]
+        declared = shader.source.bindings() or {}
+        groups = [_dummies(device, declared.get(number, {})) for number in range(max(declared, default=-1) + 1)]
         recorder.add(Dispatch.bind(device, device.pipeline(shader.source, shader.constants), groups, (1, 1, 1)))
         recorder.submit()
 
 
-def _dummy_buffers(device: Device, bindings: Mapping[int, str]) -> list[Buffer | None]:
-    """A zero buffer for each binding of a group, and None for each unused binding number."""
-    buffers: list[Buffer | None] = [None] * (max(bindings, default=-1) + 1)
+def _dummies(device: Device, bindings: Mapping[int, str]) -> list[Buffer | Any | None]:
+    """A zero buffer or texture for each binding of a group, and None for each unused binding number."""
+    dummies: list[Buffer | Any | None] = [None] * (max(bindings, default=-1) + 1)
     for binding, kind in bindings.items():
-        is_uniform = kind == "uniform"
-        buffers[binding] = (
-            device.uniform(bytes(_BUFFER_BYTES), "precompile")
-            if is_uniform
-            else device.buffer(_BUFFER_BYTES, "precompile")
-        )
-    return buffers
+        if kind == TEXELS:
+            dummies[binding] = TexelMemory(device, 1, "precompile").view
+        elif kind == "uniform":
+            dummies[binding] = device.uniform(bytes(_BUFFER_BYTES), "precompile")
+        else:
+            dummies[binding] = device.buffer(_BUFFER_BYTES, "precompile")
+    return dummies

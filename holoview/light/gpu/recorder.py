@@ -11,6 +11,7 @@ import numpy as np
 import wgpu
 
 from holoview.light.gpu.device import TIMESTAMPS, Buffer, Device, Pipeline
+from holoview.light.gpu.texels import Texels
 from holoview.light.numerics.sampling import ceil_div
 from holoview.util.errors import UserError
 
@@ -22,18 +23,23 @@ _DISPATCH_LIMIT = "max-compute-workgroups-per-dimension"
 class Dispatch:
     """A dispatch with its resources bound, to be recorded any number of times.
 
-    bind_groups: (number, wgpu bind group). workgroups: counts along x, y and z.
+    bind_groups: (number, wgpu bind group). workgroups: counts along x, y and z. texels: copied before it runs.
     """
 
     pipeline: Pipeline
     bind_groups: tuple[tuple[int, Any], ...]
     workgroups: Workgroups
+    texels: tuple[Texels, ...] = ()
 
     @classmethod
     def bind(
-        cls, device: Device, pipeline: Pipeline, groups: Sequence[Sequence[Buffer | Any | None]], workgroups: Workgroups
+        cls,
+        device: Device,
+        pipeline: Pipeline,
+        groups: Sequence[Sequence[Any]],
+        workgroups: Workgroups,
     ) -> Dispatch:
-        """Bind `groups[g][b]`, a Buffer or a wgpu texture view or sampler, to `@group(g) @binding(b)`.
+        """Bind `groups[g][b]`, a Buffer, Texels or a wgpu texture view or sampler, to `@group(g) @binding(b)`.
 
         Empty groups and bindings that are None are left out. Raises UserError if a count of workgroups exceeds the
         device's limit.
@@ -45,7 +51,8 @@ class Dispatch:
                 entries = [{"binding": b, "resource": _resource(r)} for b, r in enumerate(resources) if r]
                 layout = pipeline.raw.get_bind_group_layout(number)
                 bound.append((number, device.raw.create_bind_group(layout=layout, entries=entries)))
-        return cls(pipeline, tuple(bound), workgroups)
+        texels = tuple(each for resources in groups for each in resources if isinstance(each, Texels))
+        return cls(pipeline, tuple(bound), workgroups, texels)
 
 
 class CommandRecorder:
@@ -64,6 +71,10 @@ class CommandRecorder:
     def add(self, step: Dispatch) -> None:
         """Record a dispatch."""
         self._check_open()
+        if step.texels:
+            self._end_pass()
+            for texels in step.texels:
+                texels.record(self._encoder)
         if self._compute is None:
             timed = self._timer.timestamp_writes() if self._timer else None
             self._compute = self._encoder.begin_compute_pass(timestamp_writes=timed)
@@ -219,7 +230,9 @@ def check_workgroups(device: Device, label: str, workgroups: Workgroups) -> None
         raise ValueError(f"dispatch of '{label}': {workgroups} workgroups")
 
 
-def _resource(resource: Buffer | Any) -> Any:
+def _resource(resource: Buffer | Texels | Any) -> Any:
+    if isinstance(resource, Texels):
+        return resource.view
     if isinstance(resource, Buffer):
         return {"buffer": resource.raw, "offset": 0, "size": resource.raw.size}
     return resource

@@ -28,8 +28,11 @@ _LOCATION = re.compile(r"(?<=┌─ ).*:(\d+):(\d+)")
 _BUFFER = re.compile(
     r"^@group\((\d+)\) @binding\((\d+)\) var<(uniform|storage, ?read|storage, ?read_write)>", re.MULTILINE
 )
+_TEXELS = re.compile(r"^@group\((\d+)\) @binding\((\d+)\) var \w+: texture_storage_2d<rg32float, read>;", re.MULTILINE)
 _BINDING = re.compile(r"^@group\(", re.MULTILINE)
 _BUFFER_TYPES = {"uniform": "uniform", "storage,read": "read-only-storage", "storage,read_write": "storage"}
+TEXELS = "texels"
+"""The type of a binding that reads complex numbers as texels, beside WebGPU's types of buffers."""
 _GUTTER = re.compile(r"^ *(\d+)(?= │)", re.MULTILINE)
 
 
@@ -61,17 +64,17 @@ class ShaderSource:
         """File and line of line `line` of the linked text, counted from 1."""
         return self.origins[min(max(line, 1), len(self.origins)) - 1]
 
-    def buffer_bindings(self) -> dict[int, dict[int, str]] | None:
-        """WebGPU's buffer type by group and binding of all declared buffers, used or not.
+    def bindings(self) -> dict[int, dict[int, str]] | None:
+        """WebGPU's buffer type, or `TEXELS`, by group and binding of all that is declared, used or not.
 
-        None if the shader binds anything but buffers, such as a texture.
+        None if the shader binds anything else, such as another texture.
         """
-        declarations = _BUFFER.findall(self.text)
+        declarations = [*_BUFFER.findall(self.text), *((*place, TEXELS) for place in _TEXELS.findall(self.text))]
         if len(declarations) != len(_BINDING.findall(self.text)):
             return None
         groups: dict[int, dict[int, str]] = {}
         for group, binding, kind in declarations:
-            groups.setdefault(int(group), {})[int(binding)] = _BUFFER_TYPES[kind.replace(" ", "")]
+            groups.setdefault(int(group), {})[int(binding)] = _BUFFER_TYPES.get(kind.replace(" ", ""), kind)
         return groups
 
 

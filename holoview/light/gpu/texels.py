@@ -1,0 +1,96 @@
+"""Complex numbers of a buffer as texels, which drivers that execute shaders on the processor read faster.
+
+Such a driver turns each read of a buffer into a loop over the lanes of a vector, which inserts one number after the
+other into a register. Reads of a texture have no loop. Shaders write buffers faster, so that a part of a buffer is
+copied to a texture before each dispatch that reads it.
+
+A shader binds the texture as `texture_storage_2d<rg32float, read>`; `shaders/lib/texels.wgsl` tells the place of a
+number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import wgpu
+
+from holoview.light.gpu.device import INT64, Buffer, Device
+from holoview.light.numerics.sampling import ceil_div
+from holoview.util.errors import UserError
+
+COLUMNS = 8192
+"""Texels of a row, as in `shaders/lib/texels.wgsl`."""
+FORMAT = "rg32float"
+_COMPLEX = 8  # bytes
+_LIMIT = "max-texture-dimension-2d"
+
+
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """A part of a buffer, in complex numbers of two f32, and the texture to which it is copied before a dispatch.
+
+    first, count: of the complex numbers; they begin in the texture's first texel.
+    """
+
+    memory: TexelMemory
+    buffer: Buffer
+    first: int
+    count: int
+
+    def __post_init__(self) -> None:
+        if not 0 < self.count <= self.memory.size or (self.first + self.count) * _COMPLEX > self.buffer.raw.size:
+            last, held = self.first + self.count, self.buffer.nbytes // _COMPLEX
+            raise ValueError(f"{self.buffer.label}: numbers {self.first} to {last} as texels, it holds {held}")
+
+    @property
+    def view(self) -> Any:
+        """What a shader binds."""
+        return self.memory.view
+
+    def record(self, encoder: Any) -> None:
+        """Record the copy: whole rows, and the rest of the last one."""
+        rows, rest = divmod(self.count, COLUMNS)
+        for row, size in ((0, (COLUMNS, rows, 1)), (rows, (rest, 1, 1))):
+            if size[0] and size[1]:
+                source = {
+                    "buffer": self.buffer.raw,
+                    "offset": (self.first + row * COLUMNS) * _COMPLEX,
+                    "bytes_per_row": COLUMNS * _COMPLEX,
+                    "rows_per_image": size[1],
+                }
+                encoder.copy_buffer_to_texture(source, {"texture": self.memory.raw, "origin": (0, row, 0)}, size)
+
+
+class TexelMemory:
+    """A texture for up to `size` complex numbers, which dispatches may share.
+
+    Raises UserError beyond the device's limit.
+    """
+
+    def __init__(self, device: Device, size: int, label: str) -> None:
+        if not fits_texels(device, size):
+            raise UserError(
+                f"texture '{label}'",
+                f"needs {ceil_div(size, COLUMNS)} rows",
+                expected=f"at most {device.limits[_LIMIT]} ({_LIMIT} of {device.info.name})",
+                remedy="lower the size of the grid or the number of fields at a time",
+            )
+        self.size, self.nbytes = size, ceil_div(size, COLUMNS) * COLUMNS * _COMPLEX
+        usage = wgpu.TextureUsage.STORAGE_BINDING | wgpu.TextureUsage.COPY_DST
+        rows = ceil_div(size, COLUMNS)
+        self.raw = device.raw.create_texture(label=label, size=(COLUMNS, rows, 1), format=FORMAT, usage=usage)
+        self.view = self.raw.create_view()
+
+
+def fits_texels(device: Device, size: int) -> bool:
+    """Whether a texture of the device holds so many complex numbers."""
+    return max(ceil_div(size, COLUMNS), COLUMNS) <= device.limits.get(_LIMIT, 0)
+
+
+def reads_texels(device: Device) -> bool:
+    """Whether shaders on a device read what other shaders write as texels, and write it as 64-bit integers.
+
+    Drivers that execute shaders on the processor are faster so.
+    """
+    return device.info.is_cpu and INT64 in device.features
