@@ -62,6 +62,9 @@ def test_the_processor_is_read_where_linux_tells_it(tmp_path: Path) -> None:
         "processor\t: 0\nmodel name\t: Fast One\nprocessor\t: 1\nmodel name\t: Fast One\n"
     )
     assert processor_name(tmp_path / "cpuinfo") == "Fast One"
+    for flags, vectors in (("fma avx avx2", "AVX2"), ("avx avx2 avx512f", "AVX-512"), ("sse2", "")):
+        (tmp_path / "x86").write_text(f"model name\t: Fast One\nflags\t\t: fpu {flags}\n")
+        assert processor_name(tmp_path / "x86") == ", ".join(filter(None, ("Fast One", vectors)))
     (tmp_path / "arm").write_text("processor\t: 0\n")
     assert processor_name(tmp_path / "arm") and processor_name(tmp_path / "missing")
 

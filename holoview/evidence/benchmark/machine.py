@@ -53,14 +53,23 @@ def versions() -> dict[str, str]:
     return {"holoview": __version__, "python": platform.python_version()} | {name: _version(name) for name in _PACKAGES}
 
 
+_VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "avx": "AVX"}
+
+
 def processor_name(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
-    """The processor's model where the system tells it, else its architecture. cpuinfo: the file of Linux."""
+    """The processor's model and its widest vectors where the system tells them, else its architecture.
+
+    Under one name of a model some machines offer AVX-512 and others don't, which changes how fast shaders run on them.
+    cpuinfo: the file of Linux.
+    """
     try:
         lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return platform.processor() or platform.machine()
-    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(models, platform.machine())
+    stated = {name.strip(): text.strip() for name, _, text in (line.partition(":") for line in reversed(lines))}
+    flags = stated.get("flags", "").split()
+    vectors = next((f", {name}" for flag, name in _VECTORS.items() if flag in flags), "")
+    return stated.get("model name", platform.machine()) + vectors
 
 
 def _memory_bytes() -> int | None:

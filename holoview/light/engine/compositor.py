@@ -55,6 +55,11 @@ class Compositor:
         """Size of the largest buffer that the device supports."""
         return min(self._device.limits[f"max-{name}-size"] for name in ("storage-buffer-binding", "buffer"))
 
+    @property
+    def texel_bytes(self) -> int:
+        """Device memory of the textures by which intensities and XYZ are read."""
+        return sum(memory.nbytes for memory in self._memory.values())
+
     def intensity_buffer(self, count: int, label: str = "intensities") -> Buffer:
         """A new buffer for `count` intensities, f32."""
         return self._device.buffer(count * self.intensity_bytes, label)

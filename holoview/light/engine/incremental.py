@@ -146,8 +146,8 @@ class IncrementalRenderer:
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory of fields and intensities, and of a sum of these."""
-        others = 0 if self._others is None else self._others.nbytes
+        """Device memory of fields and intensities, of a sum of these, and of texels of all."""
+        others = self.compositor.texel_bytes + (0 if self._others is None else self._others.nbytes)
         return self._frame.memory_bytes + self._light.memory_bytes + self._intensities.memory_bytes + others
 
     @property
