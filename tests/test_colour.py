@@ -95,6 +95,7 @@ def test_the_tables_are_those_of_colour_science(name: str) -> None:
     assert kept == make_observers.table(*colour.TABLES[name])
 
 
+@pytest.mark.long
 def test_observers_import_nothing_slow_and_colour_science_changes_nothing_of_the_process() -> None:
     program = (
         "import sys, warnings, numpy as np; from holoview import colour as c; c.observer_weights('eye', 532e-9); "

@@ -136,6 +136,7 @@ _ALLOWED = {
 }
 
 
+@pytest.mark.long
 def test_every_file_is_written_by_the_one_function() -> None:
     """An exception of a library's own, a crash at a full disk or a half file can't come from anywhere else."""
     found = set()

@@ -183,6 +183,7 @@ def test_only_the_card_that_the_adapter_is_counts(tmp_path: Path) -> None:
     assert read_card("NVIDIA Card", str(tmp_path / "missing")) is None
 
 
+@pytest.mark.long
 @gpu
 @pytest.mark.skipif(sys.platform == "win32", reason="the stand-in for nvidia-smi is a script with a #! line")
 def test_power_is_the_median_of_readings_during_frames(device: Device, tmp_path: Path) -> None:

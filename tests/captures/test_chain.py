@@ -245,6 +245,7 @@ MISTAKES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("effect", "choice", "change", "element"), MISTAKES)
 def test_a_wrong_record_is_named_by_the_element(effect: str, choice: str, change: Any, element: int) -> None:
     right = _three()

@@ -27,6 +27,7 @@ SMALL = FarField(radius=20.0, coma=0, defocus=0, axis=(58.0, 82.0), shape=(120, 
 """Half as many pixels along a side, and in the disc, where no length and no noise is measured: a fourth of the time."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("orientation", explored(SHAPE_KEEPING, ["flip_x"]))
 def test_orientation_focal_length_and_axis_are_found(orientation: str) -> None:
     bench = FarField(coma=-0.5, defocus=0.2)

@@ -117,6 +117,7 @@ def _folder(captures: Captures, path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_folder_of_pictures_becomes_the_same_session(holoview: Run, tmp_path: Path) -> None:
     captures = _make(holoview, "a.h5")
     folder = _folder(captures, tmp_path / "folder")

@@ -33,6 +33,7 @@ def hidden(tmp_path: Path) -> Path:
 MEASURE = ("measure", "rig.toml", "--plan", "plan.toml", "-o", "X.h5")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("bench_here")
 def test_a_session_is_taken_checked_and_not_taken_twice(holoview: Run, tmp_path: Path) -> None:
     outcome = holoview(*MEASURE)
@@ -83,6 +84,7 @@ def test_nothing_to_finish_is_a_mistake(holoview: Run, tmp_path: Path) -> None:
     assert not (tmp_path / "X.h5.captures").exists()
 
 
+@pytest.mark.long
 def test_a_device_that_fails_ends_with_one_line_and_the_way_on(holoview: Run, hidden: Path, tmp_path: Path) -> None:
     hidden.write_text("laser_log = 'lasers.txt'\n[faults]\ntimeout = 1.0\n", encoding="utf-8")
     outcome = holoview(*MEASURE)

@@ -15,6 +15,7 @@ from tests.rig.align.hidden_bench import Hidden
 from tests.rig.conftest import write_rig
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("bench_here")
 def test_align_writes_where_things_are_and_show_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hidden = Hidden("one", (40, 40), camera="flip_y", magnification=0.03, offset_m=0.2e-3)
@@ -30,6 +31,7 @@ def test_align_writes_where_things_are_and_show_says_it(tmp_path: Path, capsys: 
     assert "upside down" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_test_takes_a_dark_and_a_lit_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = str(Hidden("one", (40, 40)).write(tmp_path).path)
     assert main(["rig", "test", path]) == 0
@@ -46,6 +48,7 @@ def test_a_rig_whose_devices_cannot_be_opened_is_one_line(tmp_path: Path, capsys
     assert "virtuel" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("bench_here")
 def test_a_table_is_measured_verified_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A modulator whose stroke is 5 % shorter than stated, in one light; 24 levels leave 0.02 π."""

@@ -131,6 +131,7 @@ def test_signals_reach_the_program_once(tmp_path: Path, number: signal.Signals, 
     assert process.wait(PATIENCE_S) == code
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_the_program_ends_when_the_process_that_supervises_is_killed(tmp_path: Path) -> None:
     process, program = _start(tmp_path)

@@ -52,6 +52,7 @@ def table(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))))
 
 
+@pytest.mark.long
 def test_a_point_has_the_numbers_that_contrast_optimise_and_render_print(holoview: Holoview, picture: Path) -> None:
     arguments = ("--set", "gap=1mm,2mm", "--set", "frames=2", "--target", picture)
     measures = "contrast,psnr,eyebox,light,luminance"

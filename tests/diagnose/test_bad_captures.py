@@ -71,6 +71,7 @@ def _reasons(found: Diagnosis) -> dict[int, str]:
     return {bad.index: bad.why for bad in found.bad_captures}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mishaps", "reasons"), WITHOUT_A_FAULT)
 def test_a_bad_capture_is_named_and_the_others_are_consistent(
     tmp_path: Path, mishaps: Mishaps, reasons: dict[int, str]

@@ -48,6 +48,7 @@ def _diagnosed(captures: Captures) -> Diagnosis:
     return diagnose(captures, [EFFECTS[n] for n in FEW], workers=1, free_maps=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", explored(range(KINDS), 1))
 def test_a_bench_without_a_fault_is_consistent(seed: int) -> None:
     """A file is called anything else with a chance of 1e-6, and one of its captures is blamed with 1e-6 at most."""
@@ -92,6 +93,7 @@ def test_nor_is_any_effect_found_in_it(seed: int) -> None:
     assert found.is_right, found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", explored(range(0, 8 * KINDS, KINDS), 1))
 def test_no_capture_of_such_a_bench_stands_out(first: int) -> None:
     """Before a search and after it; of every kind, and larger."""

@@ -81,6 +81,7 @@ def test_sampling_and_padding_alone_are_never_a_cause(tmp_path: Path, seed: int)
     assert float(assumed.rstrip(".").rsplit("otherwise ", 1)[1]) > 5 > 2 * found.before.chi2_per_pixel
 
 
+@pytest.mark.long
 def test_with_its_samples_the_nominal_bench_predicts_them(tmp_path: Path) -> None:
     file = write_session(tmp_path / "c.h5", Laboratory(seed=0, each=4))
     same = SamplingConfig(finer=2, padding=3, points=2)

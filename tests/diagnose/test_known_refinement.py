@@ -93,6 +93,7 @@ def test_a_correction_that_takes_too_long_is_told() -> None:
     assert any("stayed as they were measured" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_where_nothing_asks_for_it_nothing_is_corrected() -> None:
     found = _diagnosed(_measured({}, {}))
     assert found.verdict is Verdict.CONSISTENT and found.known == KNOWN

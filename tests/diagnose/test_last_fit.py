@@ -73,6 +73,7 @@ def test_a_fit_at_the_floor_comes_to_the_least_of_the_rougher_captures(make_cont
     assert found <= true and found - least < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("away_m", explored([-0.3e-9, 0.3e-9], 1))
 def test_jumps_of_stops_on_a_grid_dont_end_a_fit_early(make_context: MakeContext, away_m: float) -> None:
     """Without noise the true values have the least χ². Other wavelengths differ by samples at the edges of irises."""

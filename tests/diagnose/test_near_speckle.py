@@ -257,6 +257,7 @@ def test_the_light_of_effects_is_that_of_the_point_that_they_came_from(
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["near", "near-two"])
 def test_light_is_sought_from_causes_that_were_found_before(kind: str, tmp_path: Path) -> None:
     """A beam and a stroke of which the wavefront is missing: the first ascent finds it, before retrieved light."""

@@ -88,6 +88,7 @@ def test_an_explanation_needs_more() -> None:
     assert config_for_one_picture(plain, 0.5).verdict.min_delta_chi2 == plain.verdict.min_delta_chi2
 
 
+@pytest.mark.long
 def test_one_good_picture_is_consistent_and_says_on_what_that_rests() -> None:
     found = _diagnosed(_picture())
     assert found.verdict is Verdict.CONSISTENT and not found.causes and not found.bad_captures

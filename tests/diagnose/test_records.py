@@ -72,6 +72,7 @@ def _captures(path: Path, faults: Faults, *mistakes: Name) -> Captures:
     return read_captures(spoil_file(file, *(MISTAKES[n] for n in mistakes)))
 
 
+@pytest.mark.long
 def test_a_wrong_record_and_a_fault_are_both_named(tmp_path: Path) -> None:
     captures = _captures(tmp_path, Faults(gap_m=1.5e-4), ("slm1_orientation", "flip_x"))
     effects = [listed_effects()[n] for n in ("gap", "stroke", "tilt")]

@@ -200,6 +200,7 @@ def test_predictions_of_jobs_end_with_the_search(make_context: MakeContext) -> N
     assert len(context.run_parallel([job])) == 1 and len(context.workers.run([job])) == 1
 
 
+@pytest.mark.long
 def test_processes_go_on_after_a_search_that_ended(make_context: MakeContext) -> None:
     """Free maps are fitted by the processes that searched, after its time."""
     with WorkerPool(2) as pool:
@@ -228,6 +229,7 @@ def test_processes_are_not_waited_for() -> None:
     assert time.monotonic() - began < PATIENCE_S
 
 
+@pytest.mark.long
 def test_a_search_without_time_says_so_and_judges_all_the_same() -> None:
     found = diagnose(_faulty(), EFFECTS, free_maps=False, time_s=1e-3, thorough=True)
     assert found.verdict is Verdict.UNEXPLAINED and found.before.chi2_per_pixel > 2

@@ -53,6 +53,7 @@ def test_what_one_number_explains_is_named_by_it(
     assert found.best.fit.values[simple][name] == pytest.approx(true, rel=0.02)
 
 
+@pytest.mark.long
 def test_what_one_number_does_not_explain_keeps_its_name(make_context: MakeContext) -> None:
     """Defocus and astigmatism."""
     context = make_context({"aberration1": {"z4": 150e-9, "z5": 150e-9}})

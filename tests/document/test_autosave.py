@@ -53,6 +53,7 @@ while True:  # goes on editing until it is killed, so that the kill falls into a
 """
 
 
+@pytest.mark.long
 def test_a_killed_program_loses_nothing(tmp_path: Path) -> None:
     store = SessionStore(tmp_path)
     program = subprocess.Popen([sys.executable, "-c", _PROGRAM, str(tmp_path)], stdout=subprocess.PIPE, text=True)

@@ -127,6 +127,7 @@ def test_a_picture_becomes_the_target_and_is_seen_within_a_quick_look(session: E
     loader.close()
 
 
+@pytest.mark.long
 def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: EditingSession, tmp_path: Path) -> None:
     path = tmp_path / "a.safetensors"
     _hologram(path, seed=1)

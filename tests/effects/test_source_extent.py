@@ -54,6 +54,7 @@ def test_as_many_directions_as_grains_of_speckle_pass(
                 assert directions_per_side(system, radius) == side
 
 
+@pytest.mark.long
 def test_the_mean_is_that_of_a_disc(make_session: Make, predicted: Predicted) -> None:
     """Against 15 rings of equal area with 15 directions each.
 

@@ -186,6 +186,7 @@ def test_shaders_measure_the_power_behind_the_last_modulator_as_pytorch_does(
     np.testing.assert_allclose(executor.power_behind, power_behind(plan, drive), rtol=F32)
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_a_render_of_light_that_leaves_the_picture_loads_no_pytorch(tmp_path: Path) -> None:
     code = "import sys\nfrom holoview.commands.cli import main\nassert main() == 0 and 'torch' not in sys.modules"

@@ -326,6 +326,7 @@ def test_a_strategy_that_a_driver_makes_wrong_is_refused(
     assert tuning.refused["workgroup"].startswith("wrong by")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="the system limits no processor time")
 def test_the_system_ends_a_helper_whose_time_is_up() -> None:
     program = "from holoview.light.gpu.tune_worker import limit_cpu_time\nlimit_cpu_time(1)\nwhile True: pass"

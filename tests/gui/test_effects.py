@@ -32,6 +32,7 @@ def _switch(name: str) -> Callable[[Any], None]:
     return lambda ctx: ctx.item_click(f"Effects/**/{name}")
 
 
+@pytest.mark.long
 def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(small_bench(**IRISES), (640, 1600), panels=(EffectsPanel,))
     lines = [name for name in gui.context.item_rects if name.startswith("effect ")]

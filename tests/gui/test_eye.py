@@ -177,6 +177,7 @@ def test_alt_and_a_click_focus_on_what_the_picture_shows_there(make_gui: Callabl
         assert gui.session.view_settings.plane_m == pytest.approx(expected)
 
 
+@pytest.mark.long
 def test_the_path_of_a_drag_is_recorded_drawn_played_and_forgotten(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(small_bench(eye={"pupil": "2 mm"}), panels=(*PANELS, FilesPanel), size=(900, 900))
     gui.context.show_panel("Eye")

@@ -71,6 +71,7 @@ def test_a_field_is_looked_at_from_its_other_side_and_has_nothing_to_optimise(gu
     assert not [message for message in gui.session.messages.all if message.kind == "error"]
 
 
+@pytest.mark.long
 def test_the_frames_of_a_field_are_stepped_through_and_played_by_the_pointer(
     make_gui: Callable[..., Gui], tmp_path: Path
 ) -> None:

@@ -167,6 +167,7 @@ def test_a_picture_cant_be_opened_beside(gui: Gui, tmp_path: Path) -> None:
     assert "picture.png" in gui.last_message() and "expected" in gui.last_message() and len(gui.session.snapshots) == 2
 
 
+@pytest.mark.long
 def test_a_moment_without_light_leaves_the_panels_alive(make_gui: Callable[..., Gui]) -> None:
     """As an optimisation makes one that switches the only laser shown off; `make_gui` tells of panels that failed."""
     gui = make_gui(size=(1100, 700))

@@ -101,6 +101,7 @@ def test_damaged_state_is_a_line_and_something_is_opened(tmp_path: Path, damage:
     assert len(list(tmp_path.rglob("*.damaged"))) == 1
 
 
+@pytest.mark.long
 @pytest.mark.gpu
 def test_the_served_viewer_saves_at_sigterm(tmp_path: Path) -> None:
     pytest.importorskip("uvicorn")

@@ -52,6 +52,7 @@ def _expect_no_buttons(ctx: Any) -> None:
     assert not any(ctx.item_exists(f"Files/{name}") for name in ("Open…", "Save hologram…", "Save preset…"))
 
 
+@pytest.mark.long
 def test_served_to_look_at_it_writes_nothing_and_cant_be_ended(device: Device, tmp_path: Path) -> None:
     with serving(tmp_path, "--look", "--clients", "1") as served:
         cookie = {"Cookie": browser_cookie(served.address, served.token)}

@@ -274,6 +274,7 @@ def test_a_wrong_line_is_named(gui: Gui) -> None:
             run_script(gui, f"\n{line}\n", "script.txt")
 
 
+@pytest.mark.long
 def test_a_wrong_line_ends_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script = tmp_path / "script.txt"
     script.write_text("\nopen nowhere.png\n")

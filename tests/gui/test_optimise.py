@@ -200,6 +200,7 @@ def test_without_an_eye_no_pupil_is_moved(gui: Gui) -> None:
     assert "optimised, 1 iterations" in gui.session.document.origin
 
 
+@pytest.mark.long
 def test_the_hologram_follows_the_newest_picture_of_a_folder(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     """Chosen in the dialog, watched in the panel, and kept."""
     gui = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, OptimisePanel, FilesPanel))

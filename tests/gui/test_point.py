@@ -29,6 +29,7 @@ def gui(make_gui: Callable[..., Gui]) -> Gui:
     return opened
 
 
+@pytest.mark.long
 def test_ctrl_click_places_the_cursor_and_a_drag_moves_it(gui: Gui) -> None:
     gui.session.edit_view("Look", zoom=1.0)
     gui.draw_until_idle()
@@ -45,6 +46,7 @@ def test_ctrl_click_places_the_cursor_and_a_drag_moves_it(gui: Gui) -> None:
     assert gui.session.view_settings.centre == (0.5, 0.5)  # the image wasn't moved
 
 
+@pytest.mark.long
 def test_a_click_in_a_section_moves_the_plane_and_the_cursor(gui: Gui) -> None:
     session = gui.session
     rows, columns = session.document.image_shape
@@ -60,6 +62,7 @@ def test_a_click_in_a_section_moves_the_plane_and_the_cursor(gui: Gui) -> None:
     assert session.view_settings.cursor == pytest.approx((0.75 * columns, 0.25 * rows), abs=3)
 
 
+@pytest.mark.long
 def test_sections_and_point_follow_edits(gui: Gui) -> None:
     session, probe = gui.session, gui.context.point_probe
     session.change("Gap", {"gap": "3 mm"})

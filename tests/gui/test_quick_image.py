@@ -146,6 +146,7 @@ def test_other_patterns_and_another_gap_have_a_brightness_of_their_own(device: D
         assert quick == pytest.approx(full, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("draw", range(2))
 def test_brightness_follows_a_gap_that_is_dragged(draw: int, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Within 1 %, of random benches: the worst of 96 gaps of 32 benches, up to 1.4 times longer or shorter, was 0.74 %.

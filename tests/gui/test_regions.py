@@ -92,6 +92,7 @@ def test_names_and_numbers_are_typed(gui: Gui) -> None:
     assert gui.session.view_settings.region_name == "B" and gui.session.view_settings.region[0] == 7
 
 
+@pytest.mark.long
 def test_what_was_typed_is_kept_as_the_field_is_left_and_dropped_by_escape(gui: Gui) -> None:
     """While it is typed, the figures of the table are computed anew."""
     _draw_two(gui)

@@ -115,6 +115,7 @@ def test_a_chains_rig_takes_the_documents_patterns_once_its_bench_is_taken(
     assert found is not None and found.chi2 < 1.5
 
 
+@pytest.mark.long
 def test_the_key_switches_the_lasers_off_while_the_camera_hangs_and_text_is_typed(rig_gui: RigGui) -> None:
     rig_gui.open()
     rig_gui.light_up()
@@ -130,6 +131,7 @@ def test_the_key_switches_the_lasers_off_while_the_camera_hangs_and_text_is_type
     assert "lasers off" in gui.context.item_rects and "connect again" in gui.context.item_rects
 
 
+@pytest.mark.long
 def test_the_big_switch_does_so_as_well(rig_gui: RigGui) -> None:
     rig_gui.open()
     rig_gui.light_up()
@@ -173,6 +175,7 @@ def test_an_error_of_a_device_is_shown_with_a_button_that_connects_again(rig_gui
     assert rig_gui.rig.is_open and rig_gui.rig.view.picture is not None
 
 
+@pytest.mark.long
 def test_closing_the_window_switches_the_lasers_off_though_the_camera_hangs(rig_gui: RigGui) -> None:
     rig_gui.open()
     rig_gui.light_up()

@@ -28,6 +28,7 @@ def _shown(gui: Gui, title: str) -> tuple[Any, list[str]]:
     return window, [f"{title}: {window.content_size.x:.0f} of {room:.0f}"] * is_wide
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [(1024, 700), (1280, 800)])
 def test_nothing_is_cut_off_in_a_small_window(make_gui: Callable[..., Gui], size: tuple[int, int]) -> None:
     gui = make_gui(size=size)

@@ -18,6 +18,7 @@ from tests.patience import PATIENCE_S
 pytestmark = pytest.mark.gpu
 
 
+@pytest.mark.long
 def test_two_holograms_are_shown_side_by_side_with_their_difference(
     make_gui: Callable[..., Gui], tmp_path: Path
 ) -> None:

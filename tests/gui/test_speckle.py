@@ -96,6 +96,7 @@ def test_a_region_is_entered_exactly(gui: Gui) -> None:
     assert gui.session.view_settings.region == (8, 9, 30, 20)
 
 
+@pytest.mark.long
 def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: Gui) -> None:
     gui.press_chord("F5")
     assert gui.session.wait_until_idle(PATIENCE_S)

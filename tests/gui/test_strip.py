@@ -79,6 +79,7 @@ def test_an_element_is_chosen_by_a_click_and_its_keys_are_edited_with_undo(gui: 
     assert gui.session.system == before
 
 
+@pytest.mark.long
 def test_the_range_of_an_amplitude_modulator_is_typed(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(chain(), (1500, 800), panels=_PANELS)
     gui.context.commands.run("Draw the bench")

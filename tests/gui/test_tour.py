@@ -115,6 +115,7 @@ def test_back_goes_back(gui: Gui) -> None:
     assert gui.app.tour.step == 0
 
 
+@pytest.mark.long
 def test_the_buttons_try_what_the_steps_say(gui: Gui) -> None:
     _click(gui, "tour try")
     assert gui.app.panel(FocusPanel).is_playing
@@ -150,6 +151,7 @@ _WAYS_OUT: dict[str, Callable[[Gui], None]] = {
 }
 
 
+@pytest.mark.long
 def test_it_can_be_left_at_any_step_and_begun_again(gui: Gui) -> None:
     for step, (name, leave) in product((0, 3), _WAYS_OUT.items()):
         gui.context.commands.run("Tour")

@@ -113,6 +113,7 @@ def test_films_in_the_same_boxes_are_no_pictures(tmp_path: Path) -> None:
     assert file_format(path) == ""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", ["gif", "webp", "png"])
 def test_an_animation_is_a_film_or_its_first_picture(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"film.{suffix}"

@@ -98,6 +98,7 @@ def test_the_gain_is_found_from_a_second_picture(folder: Path, capsys: pytest.Ca
     assert float(note.split()[0]) == pytest.approx(GAIN, rel=0.15)
 
 
+@pytest.mark.long
 def test_several_dark_pictures_tell_each_pixel(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A fixed pattern of black levels of 10 counts would add (10/40)² to C²; 8 dark pictures take it off."""
     pattern = np.random.default_rng(3).normal(0, 10, (SIDE, SIDE))
@@ -112,6 +113,7 @@ def test_several_dark_pictures_tell_each_pixel(folder: Path, capsys: pytest.Capt
     assert found["contrast"] == pytest.approx(_contrast(light), abs=6 * _scatter(40.0, 0.5))
 
 
+@pytest.mark.long
 def test_saturation_is_refused_and_undone_on_request(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One laser clipped at twice its mean: 0.77 as it is, 1 by the law that fits the rest."""
     light = _light(1, grain=3)
@@ -156,6 +158,7 @@ def test_jpeg_is_refused_unless_insisted_on(folder: Path, capsys: pytest.Capture
     assert _measured(capsys, "photo.jpg", "--jpeg")["contrast"] > 0
 
 
+@pytest.mark.long
 def test_photographs_of_each_laser_and_of_all_together(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lights = [_light(1, seed=n) for n in range(3)]
     for name, light in zip("rgb", lights, strict=True):

@@ -120,6 +120,7 @@ def test_planes_measured_from_an_element_before_the_last_one_stand_where_they_do
     assert plane.distance_m == pytest.approx((20e-3,)) and "2 mm more from phase" in plane.details
 
 
+@pytest.mark.long
 def test_info_writes_the_drawing_as_svg_and_png(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -67,6 +67,7 @@ def test_gradients_of_power_at_turned_points_pass() -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("stride", "nodes"), [(1, ((0.0, 1.0),)), (2, ((-0.289, 0.5), (0.289, 0.5)))])
 def test_rows_are_read_from_a_place_of_their_own_each(stride: int, nodes: tuple[tuple[float, float], ...]) -> None:
     amplitudes, frequencies = waves(3)

@@ -131,6 +131,7 @@ def test_the_derivative_by_wavelength_is_that_of_the_loss(name: str) -> None:
         assert found[number] == pytest.approx(measured, rel=1e-6, abs=1e-6 * np.abs(found).max())
 
 
+@pytest.mark.long
 def test_the_derivative_by_wavelength_is_that_by_hand_of_the_short_form() -> None:
     """Two modulators that all frames share are a chain; of one frame they are those of the short form."""
     gap = {"kind": "space", "distance": 1 * MM, "square": "first order", "aberration": {"4": "50 nm"}}

@@ -121,6 +121,7 @@ def test_the_penalty_and_its_gradient_are_those_of_a_plain_model(
     assert float(opd.grad.norm()) > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["clear", "frames", "glass"])
 def test_the_gradient_of_loss_and_penalty_is_what_central_differences_approach(
     name: str, bench: Bench, noise: Noise, double_problem: Callable[..., Problem]

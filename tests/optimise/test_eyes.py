@@ -135,6 +135,7 @@ def test_places_that_are_held_out_lie_in_the_disc(bench: Bench) -> None:
     assert len(places) == 4 and np.hypot(*places.T) == pytest.approx(np.full(4, 0.2e-3 / np.sqrt(2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "more", [{}, {"chromatic_axis": "pupil"}, {"stiles_crawford": True}], ids=["stop", "moving", "pupil function"]
 )

@@ -117,6 +117,7 @@ def test_the_estimate_holds_for_other_settings(settings: dict[str, Any], bench: 
     assert needed == pytest.approx(_peak_of(system, 4, **settings), rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["two modulators", "eight lasers", "sources"])
 def test_a_loss_by_structure_takes_a_whole_plane_at_once(name: str, bench: Bench) -> None:
     system = with_compact_grid(_system(bench, name))

@@ -48,6 +48,7 @@ def test_at_the_end_of_the_range_the_neighbours_make_room() -> None:
     np.testing.assert_allclose(_allowed_nm([700.0, 659.0, 500.0]), [660.0, 656.0, 500.0], rtol=1e-12)
 
 
+@pytest.mark.long
 @settings(derandomize=True, deadline=None)
 @given(wanted)
 def test_what_is_allowed_is_in_range_spaced_and_in_the_same_order(values: list[float]) -> None:

@@ -92,6 +92,7 @@ def refusal(page: Any, **changes: Any) -> str:
     return str(said)
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_chain_of_every_kind_is_shown_as_simulate_computes_it(browser: Browser, tmp_path: Path) -> None:
     system = every_kind(np.random.default_rng(3), tmp_path / "mask.npy")
@@ -147,6 +148,7 @@ def test_each_preset_of_a_chain_is_shown_as_simulate_computes_it(browser: Browse
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_tables_that_the_page_computes_are_those_of_python(browser: Browser, tmp_path: Path) -> None:
     """Supports and fixed point exactly. A path of 1 µm is kept in float32, to 6e-14 m, which are 2π·6e-14/620e-9 = 6e-7
@@ -226,6 +228,7 @@ def test_a_chain_of_the_short_form_has_the_page_of_its_short_form() -> None:
     assert texts[0] == texts[1]
 
 
+@pytest.mark.long
 @needs_chromium
 def test_planes_told_from_an_element_stay_when_a_space_behind_it_changes(browser: Browser, tmp_path: Path) -> None:
     system = bench(
@@ -247,6 +250,7 @@ def test_planes_told_from_an_element_stay_when_a_space_behind_it_changes(browser
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_an_eye_behind_a_chain_sees_what_it_sees_in_simulate(browser: Browser, tmp_path: Path) -> None:
     """A lens first, two spaces in a row, two directions of the source, a stop of its own element, compact padding."""
@@ -269,6 +273,7 @@ def test_an_eye_behind_a_chain_sees_what_it_sees_in_simulate(browser: Browser, t
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_with_effects_on_elements_planes_and_lasers_are_the_nominal_ones(browser: Browser, tmp_path: Path) -> None:
     effects = {

@@ -403,6 +403,7 @@ def test_what_is_measured_prints_and_keys_stay(browser: Browser, written: Writte
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_without_webgpu_all_holograms_are_seen_and_nothing_is_said_to_be_computed(
     browser: Browser, written: Written
@@ -477,6 +478,7 @@ def _contrast(*colours: str) -> float:
     return (max(luminances) + 0.05) / (min(luminances) + 0.05)
 
 
+@pytest.mark.long
 @needs_chromium
 def test_without_webgpu_there_are_pictures_and_a_word_why(browser: Browser, written: Written) -> None:
     with browser.another() as plain:
@@ -516,6 +518,7 @@ def test_a_page_needs_no_network(browser: Browser, written: Written) -> None:
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_nothing_is_wider_than_the_page_and_nothing_is_loaded(browser: Browser, written: Written) -> None:
     page = open_page(browser, written.page)
@@ -905,6 +908,7 @@ def test_a_drawing_that_is_cut_says_that_it_scrolls_and_is_whole_in_print(browse
     assert browser.close_pages() == []
 
 
+@pytest.mark.long
 @needs_chromium
 def test_without_webgpu_a_page_of_one_hologram_has_no_empty_box_and_says_that_its_drawing_scrolls(
     browser: Browser, written: Written

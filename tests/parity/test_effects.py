@@ -59,6 +59,7 @@ def test_a_frame_with_effects_is_that_of_torch(name: str, both: Opened, bench: O
     assert np.linalg.norm(expected_xyz - plain) > 0.02 * np.linalg.norm(plain)
 
 
+@pytest.mark.long
 def test_a_renderer_continues_when_effects_are_edited(bench: Opened, device: Any) -> None:
     """Effects are switched on, changed and switched off; XYZ is that of torch, and `system` is the nominal bench."""
     plain = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03})

@@ -63,6 +63,7 @@ def test_an_intensity_is_that_of_torch_in_double_precision(
     assert _error(found, expected) <= TOLERANCE
 
 
+@pytest.mark.long
 def test_a_frame_of_1024_x_768_is_that_of_torch_in_double_precision(both: Opened, bench: Opened) -> None:
     system = bench(
         shape=[384, 512], propagation="periodic", wavelengths=["550 nm"], amplitudes=[[1.0]], planes=["10 mm"]

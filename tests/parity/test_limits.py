@@ -176,6 +176,7 @@ def test_an_unknown_backend_is_answered_with_those_like_it(bench: Opened, backen
         _open(bench(), backend)
 
 
+@pytest.mark.long
 def test_torch_needs_no_webgpu_library() -> None:
     program = """
 import sys

@@ -77,6 +77,7 @@ def test_all_that_a_report_owes_is_in_its_json(folder: Path) -> None:
     assert "holoview " in table["versions"] and "'C < 0.9'" in table["command"]
 
 
+@pytest.mark.long
 def test_the_command_makes_the_same_report_again(folder: Path, tmp_path: Path) -> None:
     words = _table(folder)["command"].split(" -o ")[0]
     assert cli.main([*shlex.split(words)[1:], "-o", str(tmp_path / "again.html")]) == 0
@@ -92,6 +93,7 @@ def _with_error(found: dict[str, Any], name: str) -> str:
     return f"{value:.{places}f} ± {error:.{places}f}"
 
 
+@pytest.mark.long
 def test_sharpness_contrast_ratios_and_the_observer_are_in_it(folder: Path, tmp_path: Path) -> None:
     one, picture = str(folder / "one.safetensors"), str(folder / "picture.png")
     options = (
@@ -117,6 +119,7 @@ def test_sharpness_contrast_ratios_and_the_observer_are_in_it(folder: Path, tmp_
     assert next(claim["verdict"] for claim in found["claims"]) == "holds"
 
 
+@pytest.mark.long
 def test_a_picture_is_as_sharp_as_itself(folder: Path, tmp_path: Path) -> None:
     """Against what it shows, as numbers in a file, a hologram's MTF is 1, its contrast 0, its PSNR that of rounding."""
     one, own = str(folder / "one.safetensors"), str(tmp_path / "own.exr")
@@ -128,6 +131,7 @@ def test_a_picture_is_as_sharp_as_itself(folder: Path, tmp_path: Path) -> None:
     assert f"above a half to {found['mtf']['cycles_a_sample'][-1]:.3g}" in (tmp_path / "r.html").read_text("utf-8")
 
 
+@pytest.mark.long
 def test_a_hologram_without_an_edge_gets_a_sentence(folder: Path, tmp_path: Path) -> None:
     """Random patterns have no edge, which is no reason to measure nothing of them; a region outside stops all."""
     names = ["holochrome-8", "--set", "shape=[48,64]"]
@@ -139,6 +143,7 @@ def test_a_hologram_without_an_edge_gets_a_sentence(folder: Path, tmp_path: Path
     assert cli.main(["report", *names, "--edge", "140,20,400,40", "-o", str(tmp_path / "r.html")]) == 2
 
 
+@pytest.mark.long
 def test_a_withheld_contrast_has_no_verdict(folder: Path, tmp_path: Path) -> None:
     names = [str(folder / f"{name}.safetensors") for name in ("one", "two")]
     more = ("--target", str(folder / "picture.png"), "--claim", "C < 0.9", "--region", "10,10,100,80")
@@ -167,6 +172,7 @@ def browser() -> Any:
         yield browser
 
 
+@pytest.mark.long
 @needs_chromium
 def test_it_prints_to_two_sheets_and_the_hologram_in_it_is_live(browser: Browser, folder: Path, tmp_path: Path) -> None:
     page = browser.open((folder / "r.html").as_uri(), 1000, 1300)

@@ -118,6 +118,7 @@ def test_a_process_that_is_killed_loses_nothing(store: ResultStore, tmp_path: Pa
     assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(5)]
 
 
+@pytest.mark.long
 def test_only_the_job_whose_process_died_pays_for_it(store: ResultStore, tmp_path: Path) -> None:
     jobs = [_job(0, log=str(tmp_path / "log"), fate="dies"), *(_job(n, seconds=0.1) for n in range(1, 6))]
     with pytest.raises(UserError, match=r"job square 0: failed 2 times: its process was killed.*5 of 6 jobs are done"):

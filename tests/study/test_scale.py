@@ -92,6 +92,7 @@ def test_studies_share_the_jobs_that_they_have_in_common() -> None:
     assert len(keys["schemes"] & keys["wavelength-count"]) == 2  # simultaneous and holochrome-8
 
 
+@pytest.mark.long
 def test_a_margin_is_neither_optimised_nor_measured() -> None:
     """Outside the region the loss has no say: what is measured there doesn't enter the numbers."""
     whole, inner = (run_hologram_job({**TINY, **extra}, lambda _: None) for extra in ({}, {"margin": 0.25}))

@@ -44,6 +44,7 @@ def psnr(found: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArray[np.f
     return np.asarray(-10 * np.log10(error))
 
 
+@pytest.mark.long
 def test_every_picture_has_the_size_that_the_readme_says() -> None:
     for name in ("still-life.png", "resolution.png"):
         picture = read_picture(ASSETS / name)

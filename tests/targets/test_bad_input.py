@@ -89,6 +89,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path, name: str, share: float) ->
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [n for n in WRITERS if n not in ("plain.tif", "depth.npy")])
 def test_damaged_bytes_end_in_a_message_or_a_picture_but_never_in_a_crash(tmp_path: Path, name: str) -> None:
     path = tmp_path / name

@@ -112,6 +112,7 @@ def test_a_library_that_does_not_fit_another_one_is_an_error_of_the_user_too(
         import_optional("pycvvdp", "ColorVideoVDP")
 
 
+@pytest.mark.long
 def test_without_any_optional_library_every_module_is_imported() -> None:
     blocked = [*EXTRAS, "pyarrow", "simplejpeg"]
     program = (

@@ -103,6 +103,7 @@ def test_a_real_crash_is_a_sentence(path: Path) -> None:
         call_in_child("f", path, lambda: ctypes.string_at(0))
 
 
+@pytest.mark.long
 @needs_fork
 def test_work_without_end_is_a_sentence(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reader_process, "_CPU_S", 0.1)

@@ -153,6 +153,7 @@ def test_an_order_beyond_the_samples_is_refused() -> None:
         off_axis_field(_recording([np.ones(SHAPE)], "off-axis"), [Order((0.7, 0.0), 0.1)])
 
 
+@pytest.mark.long
 def test_the_kind_of_a_recording_is_guessed_from_its_spectrum_and_said() -> None:
     fringes = _record(_object(3, 2.0) + REFERENCE * _wave((0.12, 0.2)), 4)
     plain = 1000 * np.ones(SHAPE) + np.random.default_rng(5).normal(size=SHAPE)

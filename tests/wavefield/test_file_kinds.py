@@ -275,6 +275,7 @@ def _two_values(path: Path, pattern: NDArray[np.bool_]) -> str:
     return _said(read_wavefield(path, ReadRequest(accept_guesses=True)))["quantity"]
 
 
+@pytest.mark.long
 def test_a_slit_is_an_aperture_and_fringes_are_a_bilevel_hologram(tmp_path: Path) -> None:
     y, x = np.mgrid[:256, :256]
     rng = np.random.default_rng(0)

@@ -38,6 +38,7 @@ def _depth_of_focus(distance_m: float) -> float:
     return WAVELENGTH / na**2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distance_m", [0.012, -0.012])
 @pytest.mark.parametrize("image", [_spots, _bars])
 def test_the_sharpest_distance_is_found_on_its_side_within_two_depths_of_focus(image, distance_m: float) -> None:
@@ -117,6 +118,7 @@ def test_progress_is_told_and_a_range_is_checked() -> None:
         find_focus(_wavefield(1j * _spots(4), reference_radius_m=0.3), 1e-3, 2e-3)
 
 
+@pytest.mark.long
 def test_an_image_within_two_depths_of_focus_of_the_plane_is_clear() -> None:
     """The order of an off-axis recording holds a small part of the spectrum, whose depth of focus is as long as the
     way to the object; the other side of the plane is less sharp all the same."""

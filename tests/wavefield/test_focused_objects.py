@@ -63,6 +63,7 @@ def _field(counts: np.ndarray, reference_radius_m: float | None = None) -> Wavef
     return in_line_field(recording).field
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distance_m", [0.4 * FAR_M, 1.5 * FAR_M])
 def test_a_large_opaque_disc_is_found_within_a_depth_of_focus(distance_m: float) -> None:
     """Its shadow is wider than the first Fresnel zone, so that no small peak stands where it is in focus."""
@@ -107,6 +108,7 @@ def test_noise_has_no_clear_focus_nor_has_a_range_without_the_object() -> None:
     assert not find_focus(field, 1.5 * distance_m, 3 * distance_m).clear
 
 
+@pytest.mark.long
 def test_a_point_source_moves_the_focus_by_fresnels_scaling() -> None:
     """With a point source at R from the camera, an object at z makes the fringes of an object M = R/(R − z) times as
     large in a plane wave over z·M: here these are known, and z and the place follow."""
@@ -132,6 +134,7 @@ def test_the_range_may_lie_before_the_plane() -> None:
     assert found.other_side_m["edge sparsity"] == -found.distances_m["edge sparsity"]
 
 
+@pytest.mark.long
 def test_objects_are_taken_out_of_a_recording_at_their_distance_alone() -> None:
     """The wave of particles is confined to them at their own distance, so that the recorded amplitude gives it, and
     little is left: 1 to 2 % in three draws. At another distance it spreads and most of it stays below the support's

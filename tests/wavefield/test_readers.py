@@ -141,6 +141,7 @@ def test_an_array_like_those_of_the_jpeg_pleno_set_gives_better_guesses(tmp_path
     assert find_alike("data", 3, (8192, 8192)).facts.pitch_m == (0.4e-6, 0.4e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["dices200k_{}_{}.bmp", "P00_{:02}{:02}.tif"])
 def test_tiles_are_one_field_of_which_the_needed_ones_are_opened(tmp_path: Path, name: str) -> None:
     whole = np.random.default_rng(5).integers(0, 2, (5 * 700, 2 * 30)).astype(np.uint8) * 255

@@ -46,6 +46,7 @@ def test_its_pictures_are_those_of_the_whole(large: Captures) -> None:
     assert np.corrcoef(seen.ravel(), cut.ravel())[0, 1] > 0.95
 
 
+@pytest.mark.long
 def test_a_mistake_is_found_in_it(large: Captures) -> None:
     found = find_record_errors(spoiled(large, turn("slm2", "flip_y")), region_px=SIDE_PX)
     assert [c.label for c in found.corrections] == ["slm2_orientation flip_y"]

@@ -72,6 +72,7 @@ def right() -> Captures:
     return measured()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", explored(MISTAKES, [FIRST_OF_EACH_ID[kind] for kind in KINDS]), ids=" ".join)
 def test_a_mistake_is_named_and_nothing_else(right: Captures, name: Name) -> None:
     found = find_record_errors(spoiled(right, MISTAKES[name]))
@@ -119,6 +120,7 @@ def test_rougher_captures_decide_where_smooth_ones_look_alike() -> None:
     assert case.named == mistake
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", explored(range(20), 1))
 def test_right_records_are_right(seed: int) -> None:
     found = find_record_errors(measured(seed=seed))

@@ -99,6 +99,7 @@ def test_it_doesnt_begin_by_itself_when_that_is_off(
     assert live.job is not None
 
 
+@pytest.mark.long
 def test_the_captures_of_a_plan_are_diagnosed(rigged: Rigged) -> None:
     rigged.rig.diagnosis.time_s = 0.1
     rigged.open()

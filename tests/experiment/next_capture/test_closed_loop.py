@@ -97,6 +97,7 @@ def test_lasers_are_off_after_a_camera_that_fails(tmp_path: Path) -> None:
     assert kept == [0, 1] and bench.bench.laser is None
 
 
+@pytest.mark.long
 def test_a_budget_of_captures_is_kept(tmp_path: Path) -> None:
     bench = make_bench(tmp_path, {"gap": {"gap_error": GAP_ERROR_M}})
     told: list[str] = []
@@ -114,6 +115,7 @@ def test_a_budget_of_bench_time_is_kept(tmp_path: Path) -> None:
     assert result.ended == "the time on the bench is spent"
 
 
+@pytest.mark.long
 def test_an_interruption_gives_the_best_so_far(tmp_path: Path) -> None:
     bench = make_bench(tmp_path, {"gap": {"gap_error": GAP_ERROR_M}})
     kept: list[int] = []

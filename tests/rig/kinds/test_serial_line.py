@@ -104,6 +104,7 @@ def test_lasers_whose_start_is_refused_are_off_too(write_rig: WriteRig, instrume
     assert device.received == ["*CLS", "ALL:OFF"]
 
 
+@pytest.mark.long
 def test_lasers_that_cannot_be_switched_off_say_to_do_it_by_hand(
     write_rig: WriteRig, instrument: MakeInstrument
 ) -> None:
@@ -131,6 +132,7 @@ def test_a_stage_that_stops_elsewhere_is_an_error(write_rig: WriteRig, instrumen
         devices.stage.move_to(5e-3)
 
 
+@pytest.mark.long
 def test_silence_and_other_answers_are_told(write_rig: WriteRig, instrument: MakeInstrument) -> None:
     device = instrument(lambda line: "busy\n")
     with (

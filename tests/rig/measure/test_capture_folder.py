@@ -82,6 +82,7 @@ def test_a_finished_session_isnt_overwritten(make_rig: MakeRig, tmp_path: Path) 
     assert (tmp_path / "X.h5").read_bytes() == b"precious" and not (tmp_path / "X.h5.captures").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("keep", [0, 1, 100, -1])
 def test_a_damaged_capture_is_taken_again(make_rig: MakeRig, tmp_path: Path, keep: int) -> None:
     rig = make_rig()

@@ -123,6 +123,7 @@ class _Asked:
         return self.left < 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("error", [None, KeyboardInterrupt(), DeviceError("stage", "is stuck")])
 def test_an_interruption_leaves_what_is_there_and_the_lasers_off(
     make_rig: MakeRig, tmp_path: Path, error: BaseException | None

@@ -131,6 +131,7 @@ def test_an_answer_that_ctrl_c_left_behind_isnt_taken_for_the_next(
     assert "time" in bench.ask({"do": "time"}).table
 
 
+@pytest.mark.long
 def test_devices_of_a_virtual_rig_take_a_picture_and_close_with_lasers_off(rig: RigDescription) -> None:
     with open_rig(rig) as devices:
         assert isinstance(devices, Devices) and len(devices.modulators) == 2
@@ -151,6 +152,7 @@ def test_devices_of_a_virtual_rig_take_a_picture_and_close_with_lasers_off(rig: 
         devices.camera.take()
 
 
+@pytest.mark.long
 def test_the_process_ends_with_the_one_that_started_it(rig: RigDescription) -> None:
     """When a process is killed, the system closes its end of the pipe."""
     command = [sys.executable, "-m", "holoview.bench.rig.virtual.server", str(rig.path)]
