@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -110,14 +111,15 @@ SHAPES = {
 
 
 class _WithoutTexels(Device):
-    """A device that reads buffers, as cards do."""
+    """A device that reads buffers: pairs of f32, as cards do, or 64-bit integers, as other software drivers may."""
 
-    def __init__(self, device: Device) -> None:
-        super().__init__(device.raw, device.info, device.limits)
+    def __init__(self, device: Device, without: set[str]) -> None:
+        super().__init__(device.raw, replace(device.info, backend="another"), device.limits)
+        self._without = without
 
     @property
     def features(self) -> frozenset[str]:
-        return super().features - {INT64}
+        return super().features - self._without
 
 
 def _switches(kernel: str) -> list[str]:
@@ -135,7 +137,9 @@ def test_a_fused_kernel_compiles_in_every_permutation(
 ) -> None:
     if strategy not in supported_strategies(device, (64, 128)):
         pytest.skip("this adapter's lanes exchange nothing")
-    for each in {reads_texels(device): device, False: _WithoutTexels(device)}.values():
+    others = [_WithoutTexels(device, without) for without in (set[str](), {INT64})]
+    assert not any(map(reads_texels, others))
+    for each in (device, *others):
         _compile_permutations(each, kernel, shape, half, strategy)
 
 

@@ -42,7 +42,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from holoview.light.gpu.device import SUBGROUP, Buffer, Constants, Device
+from holoview.light.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device
 from holoview.light.gpu.fft_codegen import (
     COMMON_DECLARATIONS,
     LINE_RANGE,
@@ -60,7 +60,7 @@ from holoview.light.gpu.fft_codegen import (
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.light.gpu.shader import TEXELS, GeneratedWgsl, ShaderSource, link
 from holoview.light.gpu.spectrum_order import Direction, LineTransform, Range, SpectrumOrder, covered_digits
-from holoview.light.gpu.texels import TexelMemory, Texels, reads_texels
+from holoview.light.gpu.texels import TexelMemory, Texels
 from holoview.light.numerics.sampling import ceil_div
 from holoview.util.errors import UserError
 
@@ -728,7 +728,8 @@ def storage_shader(device: Device, *, half: bool = False) -> str:
     """
     if half:
         return "fft/complex_f16.wgsl"
-    return "fft/complex_u64.wgsl" if reads_texels(device) else "fft/complex_f32.wgsl"
+    is_read_as_u64 = device.info.is_cpu and INT64 in device.features
+    return "fft/complex_u64.wgsl" if is_read_as_u64 else "fft/complex_f32.wgsl"
 
 
 def subgroup_size(device: Device) -> int:

@@ -91,6 +91,6 @@ def fits_texels(device: Device, size: int) -> bool:
 def reads_texels(device: Device) -> bool:
     """Whether shaders on a device read what other shaders write as texels, and write it as 64-bit integers.
 
-    Drivers that execute shaders on the processor are faster so.
+    Vulkan drivers that execute shaders on the processor are faster so. Those of other systems haven't been tried.
     """
-    return device.info.is_cpu and INT64 in device.features
+    return device.info.is_cpu and device.info.backend == "Vulkan" and INT64 in device.features
