@@ -14,6 +14,7 @@ import pytest
 
 from holoview.holograms.view import random_drive
 from holoview.light.colour import to_srgb8, xyz_to_linear_srgb
+from holoview.light.engine import compositor
 from holoview.light.engine.frame import compute_focal_stack
 from holoview.light.engine.incremental import IncrementalRenderer
 from holoview.light.engine.torch_executor import TorchExecutor
@@ -255,6 +256,15 @@ def test_numbers_read_as_texels_or_from_a_buffer_give_the_same_image_bit_for_bit
         renderer.update(may_reorder=True)
         found.append(renderer.xyz())
     assert np.array_equal(found[:2], found[2:]) and not np.array_equal(*found[:2])
+
+
+def test_intensities_that_are_added_a_few_at_a_time_give_the_same_bits(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = _open(device)
+    for each in (1, 2):
+        monkeypatch.setattr(compositor, "MOST_TEXELS", each * whole.compositor.intensity_bytes // 8)
+        assert np.array_equal(_open(device).xyz(), whole.xyz())
 
 
 def test_without_room_for_the_sum_of_the_others_all_are_added_anew(device: Device) -> None:

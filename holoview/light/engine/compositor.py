@@ -21,6 +21,8 @@ OCTET = 8
 """Pixels of an invocation of composite.wgsl: an intensity on the device is padded to a multiple of it."""
 MAX_TERMS = 64
 """Terms that a dispatch of composite.wgsl adds. They are uniforms, which drivers on a processor read once for all."""
+MOST_TEXELS = 2**24
+"""Texels of the intensities that a dispatch adds, if it adds several of successive indices: 128 MiB."""
 _WORKGROUP = 64
 _PITCH = 64  # pixels: WebGPU copies rows of a multiple of 256 bytes to a texture
 _F32, _VEC4, _RGBA8 = 4, 16, 4
@@ -85,8 +87,11 @@ class Compositor:
 
         The weights hold for all work with these buffers that hasn't been submitted yet.
         """
-        for first in range(0, max(len(terms), 1), MAX_TERMS):
-            some = terms[first : first + MAX_TERMS]
+        most = MAX_TERMS
+        if reads_texels(self._device):
+            most = min(most, max(MOST_TEXELS // (self._pixels // 2), 1))
+        for first in range(0, max(len(terms), 1), most):
+            some = terms[first : first + most]
             recorder.add(self._blending((intensity, xyz_buffer, xyz_buffer if first else base, first), some))
 
     def _blending(self, key: tuple[Buffer, Buffer, Buffer | None, int], terms: Sequence[WeightedIntensity]) -> Dispatch:
