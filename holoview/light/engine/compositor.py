@@ -14,7 +14,7 @@ from holoview.light.engine.shader_structs import BLEND, BLEND_TERM, SRGB_ENCODIN
 from holoview.light.gpu.device import Buffer, Device
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.light.gpu.shader import GeneratedWgsl, link
-from holoview.light.gpu.texels import TexelMemory, Texels, fits_texels, reads_texels
+from holoview.light.gpu.texels import TexelPool, fits_texels, reads_texels
 from holoview.light.numerics.sampling import ceil_div, round_up
 
 OCTET = 8
@@ -45,7 +45,7 @@ class Compositor:
         self._pixels = padded_pixels(shape)
         self._params: dict[Hashable, Buffer] = {}
         self._dispatches: dict[Hashable, Dispatch] = {}
-        self._memory: dict[str, TexelMemory] = {}
+        self._texels = TexelPool(device)
 
     @property
     def intensity_bytes(self) -> int:
@@ -60,7 +60,7 @@ class Compositor:
     @property
     def texel_bytes(self) -> int:
         """Device memory of the textures by which intensities and XYZ are read."""
-        return sum(memory.nbytes for memory in self._memory.values())
+        return self._texels.nbytes
 
     def intensity_buffer(self, count: int, label: str = "intensities") -> Buffer:
         """A new buffer for `count` intensities, f32."""
@@ -131,14 +131,11 @@ class Compositor:
         each = self._pixels // 2  # texels of an intensity; XYZ has two for each pixel
         found: list[Any] = []
         for name, buffer, first, size in (
-            ("intensities", intensity, lowest * each, count * each),
-            ("XYZ", base, 0, 2 * self._pixels),
+            ("texels of intensities", intensity, lowest * each, count * each),
+            ("texels of XYZ", base, 0, 2 * self._pixels),
         ):
-            memory = self._memory.get(name)
-            wanted = size if buffer is not None and size else 1
-            if memory is None or memory.size < wanted:
-                memory = self._memory[name] = TexelMemory(self._device, wanted, f"texels of {name}")
-            found.append(Texels(memory, buffer, first, size) if buffer is not None and size else memory.view)
+            pool = self._texels
+            found.append(pool.texels(name, buffer, first, size) if buffer and size else pool.memory(name, 1).view)
         return found
 
     def encode_srgb(

@@ -69,7 +69,7 @@ from holoview.light.engine.shader_structs import (
 from holoview.light.gpu.device import Buffer, Device
 from holoview.light.gpu.line_fft import LineFft, Strategy
 from holoview.light.gpu.recorder import CommandRecorder, Dispatch
-from holoview.light.gpu.texels import TexelMemory, Texels
+from holoview.light.gpu.texels import TexelMemory, TexelPool, Texels
 from holoview.light.model.passband import Transfer
 from holoview.light.model.plan import Plan
 from holoview.light.numerics.sampling import ceil_div, frequency_indices, round_up
@@ -457,7 +457,7 @@ class FusedFrame:
     @property
     def memory_bytes(self) -> int:
         """Device memory of the fields between kernels, of the work buffer and of texels."""
-        others = (each.nbytes for each in (self._work, self._texels, *self._table_texels.values()) if each)
+        others = (each.nbytes for each in (self._work, self._texels, self._table_texels) if each)
         return sum(rows.buffer.nbytes for rows in self._scratch) + sum(others)
 
     @property
@@ -494,7 +494,7 @@ class FusedFrame:
         self._scratch = [self.allocate_rows(label, rows) for rows in (others, largest)]
         self.strategy, self._work = strategy, work
         self._texels: TexelMemory | None = None
-        self._table_texels: dict[str, TexelMemory] = {}
+        self._table_texels = TexelPool(self.device)
         if layout.reads_texels and not self.fused_kernels.half:
             most = max(largest.samples * self.max_wavelengths, (work.nbytes if work else 0) // _COMPLEX64)
             self._texels = TexelMemory(self.device, most, label)
@@ -705,11 +705,7 @@ class FusedFrame:
             if table is None:
                 bound.append(buffer)
                 continue
-            name, count = table[0], ceil_div(buffer.nbytes, _COMPLEX64)
-            memory = self._table_texels.get(name)
-            if memory is None or memory.size < count:
-                memory = self._table_texels[name] = TexelMemory(self.device, count, name)
-            bound.append(Texels(memory, buffer, 0, count))
+            bound.append(self._table_texels.texels(table[0], buffer, 0, ceil_div(buffer.nbytes, _COMPLEX64)))
         return bound
 
     def _allocate_work(self, strategy: Strategy) -> Buffer | None:

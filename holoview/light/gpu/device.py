@@ -16,7 +16,7 @@ import wgpu
 from numpy.typing import DTypeLike, NDArray
 
 from holoview.light.gpu.adapter import ENUMERATION, MIB, AdapterInfo, check_limits, choose_adapter, native_adapters
-from holoview.light.gpu.shader import TEXELS, ShaderSource, compile_error
+from holoview.light.gpu.shader import TEXEL_FORMAT, TEXELS, ShaderSource, compile_error
 from holoview.util.errors import UserError
 
 Constants = Mapping[str, int | float | bool]
@@ -259,7 +259,7 @@ def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP,
 def _binding_layout(kind: str) -> dict[str, Any]:
     """What WebGPU's layout of a bind group says of a binding."""
     if kind == TEXELS:
-        return {"storage_texture": {"access": "read-only", "format": "rg32float", "view_dimension": "2d"}}
+        return {"storage_texture": {"access": "read-only", "format": TEXEL_FORMAT, "view_dimension": "2d"}}
     return {"buffer": {"type": kind}}
 
 

@@ -33,11 +33,7 @@ class Dispatch:
 
     @classmethod
     def bind(
-        cls,
-        device: Device,
-        pipeline: Pipeline,
-        groups: Sequence[Sequence[Any]],
-        workgroups: Workgroups,
+        cls, device: Device, pipeline: Pipeline, groups: Sequence[Sequence[Any]], workgroups: Workgroups
     ) -> Dispatch:
         """Bind `groups[g][b]`, a Buffer, Texels or a wgpu texture view or sampler, to `@group(g) @binding(b)`.
 

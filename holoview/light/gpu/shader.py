@@ -31,6 +31,7 @@ _BUFFER = re.compile(
 _TEXELS = re.compile(r"^@group\((\d+)\) @binding\((\d+)\) var \w+: texture_storage_2d<rg32float, read>;", re.MULTILINE)
 _BINDING = re.compile(r"^@group\(", re.MULTILINE)
 _BUFFER_TYPES = {"uniform": "uniform", "storage,read": "read-only-storage", "storage,read_write": "storage"}
+TEXEL_FORMAT = "rg32float"
 TEXELS = "texels"
 """The type of a binding that reads complex numbers as texels, beside WebGPU's types of buffers."""
 _GUTTER = re.compile(r"^ *(\d+)(?= │)", re.MULTILINE)

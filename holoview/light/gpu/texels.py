@@ -16,12 +16,12 @@ from typing import Any
 import wgpu
 
 from holoview.light.gpu.device import INT64, Buffer, Device
+from holoview.light.gpu.shader import TEXEL_FORMAT
 from holoview.light.numerics.sampling import ceil_div
 from holoview.util.errors import UserError
 
 COLUMNS = 8192
 """Texels of a row, as in `shaders/lib/texels.wgsl`."""
-FORMAT = "rg32float"
 _COMPLEX = 8  # bytes
 _LIMIT = "max-texture-dimension-2d"
 
@@ -79,8 +79,32 @@ class TexelMemory:
         self.size, self.nbytes = size, ceil_div(size, COLUMNS) * COLUMNS * _COMPLEX
         usage = wgpu.TextureUsage.STORAGE_BINDING | wgpu.TextureUsage.COPY_DST
         rows = ceil_div(size, COLUMNS)
-        self.raw = device.raw.create_texture(label=label, size=(COLUMNS, rows, 1), format=FORMAT, usage=usage)
+        self.raw = device.raw.create_texture(label=label, size=(COLUMNS, rows, 1), format=TEXEL_FORMAT, usage=usage)
         self.view = self.raw.create_view()
+
+
+class TexelPool:
+    """Textures by name, each as large as the largest part of a buffer that was asked for under that name."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._memory: dict[str, TexelMemory] = {}
+
+    @property
+    def nbytes(self) -> int:
+        """Device memory of the textures."""
+        return sum(memory.nbytes for memory in self._memory.values())
+
+    def memory(self, name: str, size: int) -> TexelMemory:
+        """The texture of a name, replaced by a larger one where it is too small."""
+        memory = self._memory.get(name)
+        if memory is None or memory.size < size:
+            memory = self._memory[name] = TexelMemory(self._device, size, name)
+        return memory
+
+    def texels(self, name: str, buffer: Buffer, first: int, count: int) -> Texels:
+        """A part of a buffer in the texture of a name."""
+        return Texels(self.memory(name, count), buffer, first, count)
 
 
 def fits_texels(device: Device, size: int) -> bool:
