@@ -6,6 +6,7 @@ import faulthandler
 import os
 import shutil
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,9 @@ from holoview.viewer.app.run import SCRIPT_FRAME_S
 from holoview.viewer.app.script import InputDriver
 from holoview.viewer.document.editing_session import EditingSession
 from holoview.viewer.document.session_store import SessionStore
+from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 
+MakeRenderer = Callable[..., ProgressiveRenderer]
 SIZE = (640, 400)
 GOLDEN = Path(__file__).parent / "golden"
 TOLERANCE = 1  # levels of 255: the rounding of another processor's vector units
@@ -84,6 +87,30 @@ class Gui(InputDriver):
         status = test.output.status
         assert status == imgui.test_engine.TestStatus.success, test.output.log.get_text()
         self.process_frames(2)
+
+
+@pytest.fixture(autouse=True)
+def no_table_left_to_fill() -> Iterator[None]:
+    """Fails where a test leaves a renderer that goes on filling its table of gaps beside the next tests."""
+    yield
+    left = [thread for thread in threading.enumerate() if thread.name == "holoview: light by gap"]
+    for thread in left:
+        thread.join()
+    assert not left, "close each renderer: see `make_renderer`"
+
+
+@pytest.fixture
+def make_renderer(device: Device) -> Iterator[MakeRenderer]:
+    """Makes renderers of a picture, make_renderer(remembers=True), that are closed after the test."""
+    made: list[ProgressiveRenderer] = []
+
+    def make(**options: Any) -> ProgressiveRenderer:
+        made.append(ProgressiveRenderer(device, **options))
+        return made[-1]
+
+    yield make
+    for renderer in made:
+        renderer.close()
 
 
 @pytest.fixture

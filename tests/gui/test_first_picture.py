@@ -19,7 +19,7 @@ from holoview.util.errors import UserError
 from holoview.viewer.app.launch import IMAGE_DISPLAYED
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.scene import Scene
-from tests.gui.conftest import Gui, small_bench
+from tests.gui.conftest import Gui, MakeRenderer, small_bench
 from tests.patience import PATIENCE_S
 
 SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "rich"}
@@ -58,8 +58,8 @@ def _finish(renderer: ProgressiveRenderer) -> None:
         renderer.compute_slice()
 
 
-def test_nothing_is_computed_here_until_the_thread_has_the_first_picture(device: Device) -> None:
-    renderer, thread = ProgressiveRenderer(device), _Later()
+def test_nothing_is_computed_here_until_the_thread_has_the_first_picture(make_renderer: MakeRenderer) -> None:
+    renderer, thread = make_renderer(), _Later()
     renderer.start(_scene(), thread)
     assert renderer.is_busy
     assert renderer.wait_s > 0
@@ -73,9 +73,9 @@ def test_nothing_is_computed_here_until_the_thread_has_the_first_picture(device:
     assert renderer.is_fresh
 
 
-def test_the_full_image_is_that_of_a_renderer_that_began_later(device: Device) -> None:
+def test_the_full_image_is_that_of_a_renderer_that_began_later(make_renderer: MakeRenderer) -> None:
     scene, thread = _scene(), _Later()
-    early, late = ProgressiveRenderer(device), ProgressiveRenderer(device)
+    early, late = make_renderer(), make_renderer()
     early.start(scene, thread)
     thread.run()
     late.request(scene)
@@ -84,8 +84,8 @@ def test_the_full_image_is_that_of_a_renderer_that_began_later(device: Device) -
     assert np.array_equal(early.xyz(), late.xyz())
 
 
-def test_what_is_requested_meanwhile_follows(device: Device) -> None:
-    renderer, thread, scene = ProgressiveRenderer(device), _Later(), _scene()
+def test_what_is_requested_meanwhile_follows(make_renderer: MakeRenderer) -> None:
+    renderer, thread, scene = make_renderer(), _Later(), _scene()
     renderer.start(scene, thread)
     other = replace(scene, plane_m=1.2e-2)
     renderer.request(other)
@@ -94,8 +94,8 @@ def test_what_is_requested_meanwhile_follows(device: Device) -> None:
     assert renderer.full_scene is other
 
 
-def test_a_return_to_the_first_scene_is_no_new_request(device: Device) -> None:
-    renderer, thread, scene = ProgressiveRenderer(device), _Later(), _scene()
+def test_a_return_to_the_first_scene_is_no_new_request(make_renderer: MakeRenderer) -> None:
+    renderer, thread, scene = make_renderer(), _Later(), _scene()
     renderer.start(scene, thread)
     renderer.request(replace(scene, plane_m=1.2e-2))
     renderer.request(replace(scene))
@@ -105,8 +105,8 @@ def test_a_return_to_the_first_scene_is_no_new_request(device: Device) -> None:
     assert renderer.full_scene.is_same(scene)
 
 
-def test_an_impossible_scene_is_reported_where_slices_are_computed(device: Device) -> None:
-    renderer, thread, scene = ProgressiveRenderer(device), _Later(), _scene()
+def test_an_impossible_scene_is_reported_where_slices_are_computed(make_renderer: MakeRenderer) -> None:
+    renderer, thread, scene = make_renderer(), _Later(), _scene()
     renderer.start(replace(scene, drive=scene.drive[..., 1:]), thread)
     thread.run()
     with pytest.raises(UserError, match="drive"):

@@ -25,7 +25,7 @@ from holoview.viewer.render.light_by_gap import LightByGap
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.remembered_brightness import remember_gain, remembered_gain
 from holoview.viewer.render.scene import Scene
-from tests.gui.conftest import Gui, small_bench
+from tests.gui.conftest import Gui, MakeRenderer, small_bench
 
 pytestmark = pytest.mark.gpu
 
@@ -57,10 +57,10 @@ def _quick_mean(renderer: ProgressiveRenderer, scene: Scene) -> np.ndarray:
     return quick.mean(axis=(0, 1))
 
 
-def test_brightness_and_colours_are_those_of_the_full_image(device: Device) -> None:
+def test_brightness_and_colours_are_those_of_the_full_image(make_renderer: MakeRenderer) -> None:
     """Also the first time, by three lasers; later as far as an edit doesn't change how much light is lost."""
     system = small_bench()
-    renderer, drive = ProgressiveRenderer(device), random_drive(system, seed=4)
+    renderer, drive = make_renderer(), random_drive(system, seed=4)
     first = Scene(system, drive, 1e-2)
     quick, full = _means(renderer, first)
     assert quick == pytest.approx(full, rel=0.01)
@@ -70,37 +70,36 @@ def test_brightness_and_colours_are_those_of_the_full_image(device: Device) -> N
 
 
 def test_the_first_brightness_is_remembered_for_the_same_scene_alone(
-    device: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    make_renderer: MakeRenderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The next time no laser of the full image is computed before the quick one is shown; another scene measures."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
     system = small_bench()
     scene = Scene(system, random_drive(system, seed=4), 1e-2)
-    full = _means(ProgressiveRenderer(device, remembers=True), scene)[1]
-    again = ProgressiveRenderer(device, remembers=True)
+    full = _means(make_renderer(remembers=True), scene)[1]
+    again = make_renderer(remembers=True)
     assert _quick_mean(again, replace(scene, drive=scene.drive.copy())) == pytest.approx(full, rel=1e-5)
     assert again.full_renderer is None  # not even begun
     brighter = system.with_(amplitudes=2 * system.amplitudes)
     for other in (replace(scene, plane_m=1.5e-2), replace(scene, system=brighter)):
         assert remembered_gain(other) is None
-    forgetful = ProgressiveRenderer(device)
+    forgetful = make_renderer()
     _quick_mean(forgetful, scene)
     assert forgetful.full_renderer is not None
 
 
 @pytest.mark.long
 def test_the_shipped_brightness_is_that_of_the_example(
-    device: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    make_renderer: MakeRenderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To what the rounding of f32 in sums of 0.8 million samples may leave: a few times 2⁻²⁴ of pairwise sums."""
     session = new_session(preset.load(EXAMPLE_PRESET))
     scene = session.document.scene
     session.close()
     monkeypatch.setattr(remembered_brightness, "cache_dir", lambda: tmp_path)
-    shipped, renderer = remembered_gain(scene), ProgressiveRenderer(device)
+    shipped, renderer = remembered_gain(scene), make_renderer()
     _means(renderer, scene)
-    renderer.close()  # and the table of gaps, which it would fill beside the next tests
     if os.environ.get("HOLOVIEW_GOLDEN") == "write":
         remembered_brightness.shipped_path().unlink(missing_ok=True)
         remember_gain(scene, renderer.quick_gain, remembered_brightness.shipped_path())
@@ -125,10 +124,10 @@ def test_damaged_memories_are_none(content: str, tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("laser", [0, 1, 2])
-def test_brightness_follows_the_powers_of_lasers(laser: int, device: Device) -> None:
+def test_brightness_follows_the_powers_of_lasers(laser: int, make_renderer: MakeRenderer) -> None:
     """Exactly, since the light of each laser is known: what stays is rounding of f32 sums."""
     system = small_bench()
-    renderer, drive = ProgressiveRenderer(device), random_drive(system, seed=4)
+    renderer, drive = make_renderer(), random_drive(system, seed=4)
     _means(renderer, Scene(system, drive, 1e-2))
     for factor in (0.2, 0.1, 0.0, 3.0):
         amplitudes = system.amplitudes.copy()
@@ -137,9 +136,9 @@ def test_brightness_follows_the_powers_of_lasers(laser: int, device: Device) -> 
         assert quick == pytest.approx(full, rel=1e-3), factor
 
 
-def test_other_patterns_and_another_gap_have_a_brightness_of_their_own(device: Device) -> None:
+def test_other_patterns_and_another_gap_have_a_brightness_of_their_own(make_renderer: MakeRenderer) -> None:
     system = small_bench()
-    renderer, drive = ProgressiveRenderer(device), random_drive(system, seed=4)
+    renderer, drive = make_renderer(), random_drive(system, seed=4)
     _means(renderer, Scene(system, drive, 1e-2))
     for other in (Scene(system, np.zeros_like(drive), 1e-2), Scene(system.with_(gap="4 mm"), drive, 1e-2)):
         quick, full = _means(renderer, other)
@@ -148,7 +147,9 @@ def test_other_patterns_and_another_gap_have_a_brightness_of_their_own(device: D
 
 @pytest.mark.long
 @pytest.mark.parametrize("draw", range(2))
-def test_brightness_follows_a_gap_that_is_dragged(draw: int, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_brightness_follows_a_gap_that_is_dragged(
+    draw: int, make_renderer: MakeRenderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Within 1 %, of random benches: the worst of 96 gaps of 32 benches, up to 1.4 times longer or shorter, was 0.74 %.
 
     Close behind the modulators, as what leaves the picture on its way is no part of the table.
@@ -163,20 +164,18 @@ def test_brightness_follows_a_gap_that_is_dragged(draw: int, device: Device, mon
     scenes = [
         replace(first, system=system.with_(gap=system.gap_m * factor)) for factor in 2 ** random.uniform(-0.3, 0.3, 2)
     ]
-    renderer, other = ProgressiveRenderer(device), ProgressiveRenderer(device)
+    renderer, other = make_renderer(), make_renderer()
     _means(renderer, first)
     renderer.light_by_gap.wait()
     shown = [_quick_mean(renderer, scene) for scene in scenes]
     monkeypatch.setattr(light_by_gap, "IDLE_BEFORE_TABLE_S", 1000.0)
     for quick, scene in zip(shown, scenes, strict=True):
         assert quick == pytest.approx(_means(other, scene)[1], rel=0.01)
-    for each in (renderer, other):
-        each.close()
 
 
-def test_the_table_of_gaps_waits_for_jobs(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_of_gaps_waits_for_jobs(make_renderer: MakeRenderer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(light_by_gap, "IDLE_BEFORE_TABLE_S", 0.0)
-    renderer, system = ProgressiveRenderer(device), small_bench()
+    renderer, system = make_renderer(), small_bench()
     first = Scene(system, random_drive(system), 1e-2)
     moved = replace(first, system=system.with_(gap=(system.gap_m or 0.0) * 1.2))
     table = renderer.light_by_gap
@@ -187,7 +186,6 @@ def test_the_table_of_gaps_waits_for_jobs(device: Device, monkeypatch: pytest.Mo
     table.is_held = False
     table.wait()
     assert table.ratio(first, moved) is not None
-    renderer.close()
 
 
 def test_the_gaps_nearest_to_the_present_one_are_known_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,24 +13,26 @@ from holoview.viewer.app.script import measure_frame_rate
 from holoview.viewer.render import progressive_renderer
 from holoview.viewer.render.progressive_renderer import ProgressiveRenderer
 from holoview.viewer.render.scene import Scene
-from tests.gui.conftest import small_bench
+from tests.gui.conftest import MakeRenderer, small_bench
 
 pytestmark = pytest.mark.gpu
 
 
-def _rendered(device: Device) -> tuple[ProgressiveRenderer, Scene]:
+def _rendered(make_renderer: MakeRenderer) -> tuple[ProgressiveRenderer, Scene]:
     """A renderer that has measured how long a full frame takes."""
     system = small_bench(shape=[16, 24])
     scene = Scene(system, random_drive(system), 9e-3)
-    renderer = ProgressiveRenderer(device)
+    renderer = make_renderer()
     renderer.request(scene)
     while renderer.is_busy:
         renderer.compute_slice()
     return renderer, scene
 
 
-def test_a_fast_full_frame_follows_an_edit_without_a_pause(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    renderer, scene = _rendered(device)
+def test_a_fast_full_frame_follows_an_edit_without_a_pause(
+    make_renderer: MakeRenderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    renderer, scene = _rendered(make_renderer)
     monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", float("inf"))
     monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", float("inf"))
     for plane_m in (9.5e-3, 1e-2):
@@ -42,9 +44,9 @@ def test_a_fast_full_frame_follows_an_edit_without_a_pause(device: Device, monke
 
 
 def test_a_slow_full_frame_waits_for_a_pause_after_the_quick_one(
-    device: Device, monkeypatch: pytest.MonkeyPatch
+    make_renderer: MakeRenderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    renderer, scene = _rendered(device)
+    renderer, scene = _rendered(make_renderer)
     monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", 0.0)
     monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 1000.0)
     renderer.request(replace(scene, plane_m=1e-2))
@@ -56,10 +58,10 @@ def test_a_slow_full_frame_waits_for_a_pause_after_the_quick_one(
 
 
 def test_edits_that_come_with_every_slice_are_shown_all_the_same(
-    device: Device, monkeypatch: pytest.MonkeyPatch
+    make_renderer: MakeRenderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As a drag makes them: a quick frame that was begun is shown, and then that of the newest edit."""
-    renderer, scene = _rendered(device)
+    renderer, scene = _rendered(make_renderer)
     monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", 0.0)
     monkeypatch.setattr(progressive_renderer, "SLICE_S", 0.0)  # a submission each
     monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 1000.0)
@@ -78,9 +80,9 @@ def test_edits_that_come_with_every_slice_are_shown_all_the_same(
 
 
 def test_after_edits_of_an_amplitude_the_picture_at_rest_is_that_of_a_new_renderer(
-    device: Device, monkeypatch: pytest.MonkeyPatch
+    device: Device, make_renderer: MakeRenderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    renderer, scene = _rendered(device)
+    renderer, scene = _rendered(make_renderer)
     monkeypatch.setattr(device, "info", replace(device.info, kind="CPU"))
     monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", float("inf"))
     monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 1000.0)
@@ -96,7 +98,7 @@ def test_after_edits_of_an_amplitude_the_picture_at_rest_is_that_of_a_new_render
     monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 0.0)
     while renderer.is_busy:
         renderer.compute_slice()
-    fresh = ProgressiveRenderer(device)
+    fresh = make_renderer()
     fresh.request(edited)
     while fresh.is_busy:
         fresh.compute_slice()
