@@ -41,10 +41,20 @@ def test_a_shader_reads_a_part_of_a_buffer_as_it_is_when_it_runs(device: Device,
 @pytest.mark.gpu
 def test_a_texture_holds_no_more_than_the_device_allows(device: Device) -> None:
     most = device.limits["max-texture-dimension-2d"]
-    assert fits_texels(device, COLUMNS * most) and not fits_texels(device, COLUMNS * most + 1)
+    assert fits_texels(device, COLUMNS * (most - 1)) and not fits_texels(device, COLUMNS * most + 1)
     with pytest.raises(UserError, match=f"texture 'light': needs {most + 1} rows; expected at most {most} "):
         TexelMemory(device, COLUMNS * most + 1, "light")
     memory, buffer = TexelMemory(device, 10, "texels"), device.buffer(64, "numbers")
     for first, count in ((0, 0), (0, 11), (1, 8)):
         with pytest.raises(ValueError, match="numbers"):
             Texels(memory, buffer, first, count)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("rows", [1, 2, 3, 4, 7, 8, 96])
+def test_no_texture_needs_shaders_of_its_own(device: Device, rows: int) -> None:
+    """Lavapipe compiles a shader for each pair (columns, rows) of powers of two or not: here always the same pair."""
+    memory = TexelMemory(device, rows * COLUMNS, "texels")
+    width, height, _ = memory.raw.size
+    assert width == COLUMNS and height >= rows and height.bit_count() > 1
+    assert memory.nbytes == 8 * width * height

@@ -69,16 +69,16 @@ class TexelMemory:
     """
 
     def __init__(self, device: Device, size: int, label: str) -> None:
+        rows = _row_count(size)
         if not fits_texels(device, size):
             raise UserError(
                 f"texture '{label}'",
-                f"needs {ceil_div(size, COLUMNS)} rows",
+                f"needs {rows} rows",
                 expected=f"at most {device.limits[_LIMIT]} ({_LIMIT} of {device.info.name})",
                 remedy="lower the size of the grid or the number of fields at a time",
             )
-        self.size, self.nbytes = size, ceil_div(size, COLUMNS) * COLUMNS * _COMPLEX
+        self.size, self.nbytes = size, rows * COLUMNS * _COMPLEX
         usage = wgpu.TextureUsage.STORAGE_BINDING | wgpu.TextureUsage.COPY_DST
-        rows = ceil_div(size, COLUMNS)
         self.raw = device.raw.create_texture(label=label, size=(COLUMNS, rows, 1), format=TEXEL_FORMAT, usage=usage)
         self.view = self.raw.create_view()
 
@@ -109,7 +109,7 @@ class TexelPool:
 
 def fits_texels(device: Device, size: int) -> bool:
     """Whether a texture of the device holds so many complex numbers."""
-    return max(ceil_div(size, COLUMNS), COLUMNS) <= device.limits.get(_LIMIT, 0)
+    return max(_row_count(size), COLUMNS) <= device.limits.get(_LIMIT, 0)
 
 
 def reads_texels(device: Device) -> bool:
@@ -118,3 +118,13 @@ def reads_texels(device: Device) -> bool:
     Vulkan drivers that execute shaders on the processor are faster so. Those of other systems haven't been tried.
     """
     return device.info.is_cpu and device.info.backend == "Vulkan" and INT64 in device.features
+
+
+def _row_count(size: int) -> int:
+    """Rows of a texture for `size` complex numbers, at least three and never a power of two.
+
+    Drivers of the processor compile a shader once more where one size of a texture is a power of two and that of
+    another texture isn't: what was compiled beforehand for a small texture would be compiled again in the first frame.
+    """
+    rows = max(ceil_div(size, COLUMNS), 3)
+    return rows + (rows & (rows - 1) == 0)
