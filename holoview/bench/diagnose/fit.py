@@ -157,9 +157,15 @@ def free_parameters_of(
     *,
     include_fine: bool = False,
 ) -> FreeParameters:
-    """The parameters of effects, and the entries of their lists at `values`; secondary parameters only if asked for."""
-    listed = [(e.id, p) for e in effects for p in e.parameters if include_fine or not p.secondary]
+    """The parameters of effects, and the entries of their lists at `values`; of the secondary parameters those that an
+    earlier fit has freed, which aren't at their identity, or all if asked for."""
     given = values or {}
+    listed = [
+        (e.id, p)
+        for e in effects
+        for p in e.parameters
+        if include_fine or not p.secondary or p.read(given.get(e.id, {})) != p.identity
+    ]
     return FreeParameters(tuple((e, free) for e, p in listed for free in p.free_entries(p.read(given.get(e, {})))))
 
 
@@ -230,7 +236,7 @@ def local_fit(
 ) -> CandidateFit:
     """Levenberg–Marquardt on all parameters of the effects, then a downhill simplex if all of them are hard edges.
 
-    iterations, tolerance: of least squares. include_fine: vary the fine parameters too. step_factor: of the
+    iterations, tolerance: of least squares. include_fine: vary all secondary parameters. step_factor: of the
     difference steps. fixed: (effect, parameter) pairs that keep their start.
     """
     free = free_parameters_of(effects, start, include_fine=include_fine)

@@ -105,7 +105,7 @@ class LocalInformation:
 
 def local_jacobian(fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison) -> LocalJacobian:
     """The derivatives by all parameters of the effects that the fit varied."""
-    free = _varied_parameters(free_parameters_of(effects, fit.values, include_fine=True), fit)
+    free = free_parameters_of(effects, fit.values)
     residual = comparison.residual(fit.values)
     function = residual_function(free, fit.values, comparison)
     slopes = jacobian(function, free.pack(fit.values), residual, free.bounds())
@@ -257,13 +257,6 @@ def _orthonormal(slopes: Slopes) -> Slopes:
     values, vectors = np.linalg.eigh(gram)
     good = values > 1e-4 * values.max()
     return np.asarray((vectors[:, good] / np.sqrt(values[good])).T @ unit, dtype=np.float32)
-
-
-def _varied_parameters(free: FreeParameters, fit: CandidateFit) -> FreeParameters:
-    """The parameters but for fine parameters at their identity, which the fit never varied."""
-    return FreeParameters(
-        tuple((e, p) for e, p in free.entries if not p.secondary or p.read(fit.values.get(e, {})) != p.identity)
-    )
 
 
 def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
