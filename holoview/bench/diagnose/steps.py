@@ -37,10 +37,10 @@ from holoview.util.progress import ProgressCallback, TextCallback
 
 DECIDING_SHARE = 0.1
 """[1] Of the nominal excess χ²/n that light found by speckle leaves at most where brightness decides on unmodulated
-light, and where no other search follows. Evidence: drawn benches: it was right where 7 % were left and less; what
-leaves a third lacks other things."""
-_BESIDE_LIGHT = 2
-"""[causes] Searched beside light found by speckle, at most. Evidence: drawn benches: a blur and dust."""
+light, further causes are searched beside it however its speckle stands, and no other search follows. Evidence: drawn
+benches: it was right where 8 % were left and less; what leaves a third lacks other things."""
+_BESIDE_LIGHT = 3
+"""[causes] Searched beside light found by speckle, at most. Evidence: drawn benches: stray light, a blur and dust."""
 _DECISIVE_SHARE = 0.3
 """[1] Of the excess, below which such a cause has to leave. Evidence: drawn benches: stray light left 0.04; a crosstalk
 and a fringing that weren't there 0.4 and 0.7."""
@@ -249,10 +249,11 @@ def judge_light(
     best, nominal = found.result.best, found.result.nominal
     if not found.was_ended and (put_right := errors_of_estimates(found.result, uncertain, known)):
         return replace(found, put_right=put_right)
-    starts = [best.fit.values]
-    if best.excess < DECIDING_SHARE * nominal.excess:
+    starts, is_near = [best.fit.values], best.excess < DECIDING_SHARE * nominal.excess
+    if is_near:
         starts.append(with_or_without_unmodulated(best.fit.values))
-    is_worth_it = light.after > NEAR_CORRELATION and best.excess > _MODEL_SHARE * nominal.excess
+    is_right = is_near or light.after > NEAR_CORRELATION
+    is_worth_it = is_right and best.excess > _MODEL_SHARE * nominal.excess
     may_have_samples = view.has_open_sampling and not whole.data.captures.is_fourier
     if found.decision.verdict.is_open and (len(starts) > 1 or is_worth_it or may_have_samples) and not found.was_ended:
         search = search_from(starts, _LIGHT if is_worth_it else replace(_LIGHT, beside=Beside.NOTHING))
