@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.plain_light import Beam
 from benchmarks.real_benches import Drawn, draw, measure
@@ -27,7 +28,15 @@ from holoview.bench.diagnose.speckle_evidence import (
     near_beam,
     window_for_light,
 )
-from holoview.bench.diagnose.speckle_light import NOMINAL, Circle, Pictures, SpeckleSearch
+from holoview.bench.diagnose.speckle_light import (
+    NOMINAL,
+    Circle,
+    Pictures,
+    PointPredictor,
+    SpeckleSearch,
+    circle_of,
+    rebased,
+)
 from holoview.light.model.effects.registry import listed_effects
 from holoview.util.progress import ProgressCallback, no_progress
 from tests.explored import explored
@@ -68,6 +77,28 @@ def test_a_small_beam_with_a_wavefront_and_a_wrong_stroke_stands_for_the_picture
     assert light is not None and light.before < 0.6 and light.after > 0.95
     assert HALF_PX / light.values["beam"]["size"] == pytest.approx(RADIUS_PX, rel=0.2)
     assert 1 + light.values["stroke"]["stroke_error"] == pytest.approx(STROKE, rel=0.1)
+
+
+@pytest.mark.parametrize("draw", range(2))
+@pytest.mark.parametrize("kind", ["near", "near-two", "fourier"])
+def test_values_of_effects_make_the_light_of_a_point(kind: str, draw: int, tmp_path: Path) -> None:
+    """Coma about one centre has defocus and astigmatism about the beam's, though the point is without defocus. It has
+    no tilts about the beam's, which are stated as a shift of the picture: what stays is rounding."""
+    captures, random = _captures(_nominal(kind, 1), tmp_path), np.random.default_rng(draw)
+    pictures, circle = Pictures(prepare_captures(captures)), Circle(0.55, *random.uniform(-0.3, 0.3, 2))
+    point = NOMINAL | {"log_size": random.uniform(0.2, 0.9), "stroke": 0.7, "share": 0.1, "quadrature": 0.05}
+    point |= {name: random.uniform(-0.3, 0.3) for name in ("centre_y", "centre_x")}
+    point |= {name: random.uniform(-1, 1) for name in ("z5", "z6", "z7", "z8")}
+    own = circle_of(point)
+    centred = rebased(point, circle, own)
+    point |= {name: -centred[name] * circle.radius / own.radius for name in ("z2", "z3")}
+    absent = ["defocus", "trefoil", "spherical aberration", "stray light"]
+    values = SpeckleSearch(pictures, circle).effect_values(point, absent)
+    assert max(map(abs, values["camera_alignment"].values())) < 1e-3 * captures.camera.pitch_m
+    predicted = Predictor(captures, cache_mb=1)(np.arange(2), values).signal
+    with torch.no_grad():
+        light = PointPredictor(pictures, circle)(point)
+    assert float((predicted - light).norm() / light.norm()) < 1e-3
 
 
 @pytest.mark.long

@@ -76,6 +76,8 @@ PARTS: dict[str, dict[str, float]] = {
     "shift of the second modulator": SECOND,
 }
 """Parts of the light that may be superfluous, with the numbers that stand for their absence."""
+_LEAST_WAVE = 1e-3
+"""[rad] R.m.s. of a term of the wavefront, below which it isn't stated. Evidence: a reason: no picture shows it."""
 _REACH_PX, _AROUND_PX = 25, 80
 _CELL_PX = 16  # at least, of cells of a near field whose brightness tells the beam
 _MOST_CELLS = 48  # along the shorter side
@@ -380,7 +382,8 @@ class SpeckleSearch:
         return not {*PARTS[part]} <= {*self.shape} and (self._has_second or PARTS[part] is not SECOND)
 
     def effect_values(self, point: Point, dropped: Collection[str]) -> dict[str, dict[str, float]]:
-        """The values of effects that make the light of a point. dropped: parts that it doesn't have."""
+        """The values of effects that make the light of a point. dropped: parts that it doesn't have, over the circle of
+        its terms."""
         captures = self._data.captures
         circle = self._whole_circle()
         values: dict[str, dict[str, float]] = {}
@@ -394,7 +397,9 @@ class SpeckleSearch:
         per_radian = float(captures.wavelength_m[0]) / (2 * math.pi)
         names = [f"z{noll}" for noll in WAVEFRONT_TERMS]
         is_dropped = {name for part in dropped for name in PARTS[part]}
-        wave = {name: centred[name] * per_radian for name in names if name not in is_dropped}
+        wave = dict[str, float]()
+        if not {*names} <= is_dropped:  # coma has defocus and astigmatism about another centre: these aren't left out
+            wave = {name: centred[name] * per_radian for name in names if abs(centred[name]) > _LEAST_WAVE}
         if beam:
             values["beam"] = beam | wave
         elif wave:  # over the circle around the modulator, whose own wavefront can't be told from the light's
