@@ -56,7 +56,9 @@ _STEPS: dict[str, float] = {
 }
 """Adam's unit of each number: ln size, exponent, places in half sides, shares, stray over mean light, pixels of the
 second modulator's shift, radians r.m.s. of wavefront."""
-_BOUNDS = {"log_size": (-1.5, 2.5), "edge": (0.8, 6.0), "stroke": (0.15, 2.2), "stray": (0.0, 1.0)}
+_BOUNDS = {"log_size": (-1.5, 2.5), "edge": (0.8, 6.0), "stroke": (0.15, 2.2), "stray": (0.0, 1.0)} | dict.fromkeys(
+    ("centre_y", "centre_x"), (-1.0, 1.0)
+)
 SECOND = {"second_y": 0.0, "second_x": 0.0}
 """Where the second modulator should be."""
 EVEN = {"log_size": _BOUNDS["log_size"][0], "edge": 2.0, "centre_y": 0.0, "centre_x": 0.0}
