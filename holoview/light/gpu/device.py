@@ -76,9 +76,13 @@ class Device:
     sizes are checked against. Of the compiled shaders, the `max_pipelines` that were asked for last are kept.
     `generated`: shaders that were generated for this device, by what they depend on, the last used at the end.
     `largest_radix`: values that an invocation of an FFT holds in registers at most, up to 32; fewer compile faster.
+    `pass_invocations`: of a workgroup of an FFT by passes. `is_rough`: whether these passes are computed to six decimal
+    digits instead of seven, and faster.
     """
 
     largest_radix = 32
+    pass_invocations = 64
+    is_rough = False
 
     def __init__(
         self, raw: Any, info: AdapterInfo, limits: Mapping[str, int], max_pipelines: int = _MAX_PIPELINES

@@ -22,7 +22,6 @@ from holoview.util.errors import UserError
 
 Axis = Literal["x", "y"]
 
-WORKGROUP_SIZE = 64
 LINE_RANGE = WgslStruct("LineRange", [("first", "u32"), ("count", "u32")])
 """Lines to transform, at `@group(0) @binding(0)`: rows in a transform along x, columns in one along y."""
 COMMON_DECLARATIONS = f"""//#include "lib/complex.wgsl"
@@ -126,16 +125,24 @@ def merge_passes(length: int, factors: tuple[int, ...], steps: Sequence[LineTran
 
 
 def generate_pass_shader(
-    axis: Axis, steps: PassSteps, *, is_first: bool = True, is_last: bool = True, begin: bool = True
+    axis: Axis,
+    steps: PassSteps,
+    *,
+    is_first: bool = True,
+    is_last: bool = True,
+    begin: bool = True,
+    invocations: int = 64,
+    is_rough: bool = False,
 ) -> str:
     """The WGSL of a pass along `axis` with the entry point `main`, to be linked after the hooks that it calls.
 
     steps: one or two. Between two, values stay in registers and go through the hook `middle`.
     is_first, is_last: of the passes of a transform; others call `load_work` and `store_work`. begin: whether to call
-    the hook `begin`.
-    Dispatch `workgroup_grid(pass_workgroups(steps, lines), device)` workgroups along x and y, and fields along z.
+    the hook `begin`. invocations: of a workgroup. is_rough: as of `WgslEmitter`.
+    Dispatch `workgroup_grid(pass_workgroups(steps, invocations, lines), device)` workgroups along x and y, and fields
+    along z.
     """
-    code = WgslEmitter()
+    code = WgslEmitter(is_rough=is_rough)
     if begin:
         code.lines.append("begin(across, field);")
 
@@ -148,7 +155,7 @@ def generate_pass_shader(
     for along, value in emit_pass(code, steps, load, position):
         work = position(steps[-1][0].between_passes(along))
         code.lines.append(f"store({position(along)}, {value});" if is_last else f"store_work({work}, {value});")
-    return _prologue(axis, steps) + "".join(f"    {line}\n" for line in code.lines) + "}\n"
+    return _prologue(axis, steps, invocations) + "".join(f"    {line}\n" for line in code.lines) + "}\n"
 
 
 def emit_pass(
@@ -183,12 +190,12 @@ def _between(code: WgslEmitter, steps: PassSteps, values: list[str], position: C
     return [code.let(f"middle({position(place)}, {value})") for value, place in pairs]
 
 
-def pass_workgroups(steps: PassSteps, lines: int) -> int:
-    """Number of workgroups for `lines` lines."""
-    return ceil_div(steps[0][0].invocations_per_line * lines, WORKGROUP_SIZE)
+def pass_workgroups(steps: PassSteps, invocations: int, lines: int) -> int:
+    """Number of workgroups, of so many invocations, for `lines` lines."""
+    return ceil_div(steps[0][0].invocations_per_line * lines, invocations)
 
 
-def _prologue(axis: Axis, steps: PassSteps) -> str:
+def _prologue(axis: Axis, steps: PassSteps, invocations: int) -> str:
     """The beginning of the shader up to the number of a DFT; neighbouring invocations are neighbours in x."""
     shape = steps[0][0]
     if axis == "x":
@@ -200,13 +207,13 @@ def _prologue(axis: Axis, steps: PassSteps) -> str:
     directions = " and ".join(direction for _, direction in steps)
     return f"""{COMMON_DECLARATIONS}
 // {directions} pass along {axis}: {shape.length} points, blocks of {shape.block}, radix {shape.radix}
-@compute @workgroup_size({WORKGROUP_SIZE})
+@compute @workgroup_size({invocations})
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,
     @builtin(num_workgroups) workgroups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {{
-    let flat = (workgroup.y * workgroups.x + workgroup.x) * {WORKGROUP_SIZE}u + local;
+    let flat = (workgroup.y * workgroups.x + workgroup.x) * {invocations}u + local;
     if (flat >= {shape.invocations_per_line}u * lines.count) {{
         return;
     }}
@@ -246,10 +253,14 @@ _EXACT = 1e-12
 
 
 class WgslEmitter:
-    """Collects WGSL statements in `lines` and generates names for the values that they define."""
+    """Collects WGSL statements in `lines` and generates names for the values that they define.
 
-    def __init__(self) -> None:
+    is_rough: whether twiddle factors may lose a decimal digit, for fewer instructions.
+    """
+
+    def __init__(self, *, is_rough: bool = False) -> None:
         self.lines: list[str] = []
+        self._is_rough = is_rough
         self._count = 0
         self._twiddle_names: dict[tuple[str, int, int], list[str]] = {}
 
@@ -306,14 +317,17 @@ class WgslEmitter:
         """Names of w⁰ … w^(count−1), w = exp(−2πi·index/period) with a WGSL u32 `index`; the name of w⁰ = 1 is empty.
 
         w, w², w⁴, … are evaluated directly, the others as products of two of them. Successive multiplication by w would
-        lose a decimal digit. Equal arguments give the names of the first call.
+        lose a decimal digit; where that may be, w alone is evaluated, and w², w⁴, … are squares. Equal arguments give
+        the names of the first call.
         """
         if (index, count, period) in self._twiddle_names:
             return self._twiddle_names[index, count, period]
         powers = self._twiddle_names[index, count, period] = [""]
         for k in range(1, count):
             highest = 1 << (k.bit_length() - 1)
-            if k == highest:
+            if k == highest and self._is_rough and k > 1:
+                powers.append(self.let(f"cmul({powers[k // 2]}, {powers[k // 2]})"))
+            elif k == highest:
                 # index·k is an integer below 2^13, which f32 holds exactly, so that the angle is rounded only once
                 powers.append(self.let(f"cis(f32({index} * {k}u) * {wgsl_float(-1 / period)})"))
             else:

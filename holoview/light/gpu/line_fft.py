@@ -659,7 +659,13 @@ class LineFft:
             uses_hooks = has_work_hooks or number in (0, last) or len(steps) > 1
             uses_work = not has_work_hooks and last > 0
             text = generate_pass_shader(
-                self.axis, steps, is_first=number == 0, is_last=number == last, begin=uses_hooks
+                self.axis,
+                steps,
+                is_first=number == 0,
+                is_last=number == last,
+                begin=uses_hooks,
+                invocations=self._device.pass_invocations,
+                is_rough=self._device.is_rough,
             )
             reads_texels = self._hooks.texels and number > 0
             parts: list[Part] = [f"fft/work{'_texels' if reads_texels else ''}.wgsl"] if uses_work else []
@@ -669,7 +675,8 @@ class LineFft:
             if uses_hooks:
                 constants |= dict(self._hooks.constants)
             source = self._linked(text, f", block {steps[0][0].block}", parts, uses_hooks)
-            shaders.append(TransformShader(source, constants, partial(pass_workgroups, steps), uses_hooks, uses_work))
+            workgroups = partial(pass_workgroups, steps, self._device.pass_invocations)
+            shaders.append(TransformShader(source, constants, workgroups, uses_hooks, uses_work))
         return shaders
 
     def _linked(self, text: str, suffix: str = "", parts: Sequence[Part] = (), uses_hooks: bool = True) -> ShaderSource:

@@ -123,6 +123,7 @@ DEFAULT_LIMITS = {
 _MORE_WORKGROUP_MEMORY = 32768  # which nearly all graphics cards offer
 _UNIFORM_USAGE = 0x40  # GPUBufferUsage.UNIFORM
 _QUICK_RADIX = 20  # beyond it, SwiftShader takes four times as long to compile a shader
+_QUICK_INVOCATIONS = 256  # of a workgroup: each costs SwiftShader a microsecond
 _KNOTS = 33  # of the line from nominal to true distances, which the effects of the library make straight
 _KEPT_BYTES = 512 << 20  # of fields that are kept between frames; more are recomputed
 
@@ -294,7 +295,7 @@ def record_frames(frames: Sequence[Frame], also: Sequence[bytes] = ()) -> Record
     for frame in frames:
         device = RecordingDevice(frame.limits)
         if frame.is_quick:
-            device.largest_radix = _QUICK_RADIX
+            device.largest_radix, device.pass_invocations, device.is_rough = _QUICK_RADIX, _QUICK_INVOCATIONS, True
         heads.append(_record(device, frame, first_content=len(arrays)))
         arrays += [bytes(device.gpu.contents.get(i, b"")) for i in range(len(device.gpu.buffers))]
     of_each, contents, data = pack_contents([*arrays, *also])

@@ -22,10 +22,15 @@ class LiveHologram {
         Object.assign(this, { document, bench, heads, open, structs: document.structs, stops: new Map() })
     }
 
-    // Compiles the first recording, unless it is.
+    // Opens the first recording, unless it is.
     async opened() {
         if (!this.replay) this.use(await (this.opening ??= this.open(this.heads[0])))
-        return this
+        return this.replay
+    }
+
+    // Opens the first recording and compiles it.
+    async compiled() {
+        await (await this.opened()).compiled()
     }
 
     // Computes by a recording from now on; all results are stale.
@@ -67,6 +72,7 @@ class LiveHologram {
         }
         for (const head of this.heads.slice(1).filter(each => suits(device, each))) {
             const other = await this.open(head)
+            await other.compiled()
             if ((await seconds(other)) < (await seconds(this.replay))) this.use(other)
         }
     }
@@ -205,23 +211,33 @@ class LiveHologram {
 
     // Computes what the state asks for and isn't computed yet. `isOutdated` ends it early; true when it is complete.
     async update(state, isOutdated = null) {
-        const { device, head } = (await this.opened()).replay
+        const replay = await this.opened()
+        const { device, head } = replay
         let submitted = 0
-        for (const { frame, w, field, key } of this.stale(state)) {
+        // runs the steps of a frame and wavelength; false where the state is outdated
+        const run = async steps => {
             if (isOutdated && submitted++ % 2 === 1) await device.queue.onSubmittedWorkDone()
+            await replay.compiled(steps)
             if (isOutdated?.()) return false
+            replay.run(steps)
+            return true
+        }
+        const stale = this.stale(state)
+        for (const { frame, w, field } of stale) {
             if (this.bench.is_chain) this.fillBeam(state, frame, w)
             else this.fillWavelength(state, w)
-            const name = `${frame}|${w}`
-            const fields = this.ofPair("field")(frame, w)
-            const intensities = this.ofPair("intensity")(frame, w)
-            const isKept = head.is_kept && this.done.get(`field|${name}`) === field
-            const order = head.is_kept ? [...(isKept ? [] : fields), ...intensities]
-                : fields.flatMap((each, i) => [each, intensities[i]])
-            this.replay.run(order)
-            this.done.set(`field|${name}`, field)
-            this.done.set(name, key)
+            const name = `field|${frame}|${w}`
+            if (!head.is_kept || this.done.get(name) === field) continue
+            if (!(await run(this.ofPair("field")(frame, w)))) return false
+            this.done.set(name, field)
         }
+        for (const { frame, w, key } of stale) {
+            const fields = head.is_kept ? [] : this.ofPair("field")(frame, w)
+            const intensities = this.ofPair("intensity")(frame, w)
+            if (!(await run(intensities.flatMap((each, i) => [...fields.slice(i, i + 1), each])))) return false
+            this.done.set(`${frame}|${w}`, key)
+        }
+        await replay.compiled()
         this.composite(state)
         this.xyz = null
         return !isOutdated?.()

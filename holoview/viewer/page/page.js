@@ -162,7 +162,7 @@ class Viewer {
             $("message").textContent = QUICK
             this.note("quick", performance.now() - began)
         }
-        for (const index of shown) await this.holograms[index].full.opened() // compiling isn't a part of what follows
+        for (const index of shown) await this.holograms[index].full.compiled() // compiling isn't a part of what follows
         const exactBegan = performance.now()
         for (const index of shown) {
             if (!(await this.show(index, this.holograms[index].full, slow.length ? isOutdated : null))) return

@@ -22,12 +22,12 @@ function unpack(part, data) {
 }
 
 class FrameReplay {
-    // Allocates and compiles. Rejects with a Refusal where the device can't.
+    // Allocates, and begins to compile; `compiled` waits for it. Rejects with a Refusal where the device can't.
     static async open(device, head) {
         const replay = new FrameReplay()
         device.pushErrorScope("out-of-memory")
         device.pushErrorScope("validation")
-        Object.assign(replay, { device, head, byLabel: new Map(head.buffers.map((each, index) => [each.label, index])) })
+        Object.assign(replay, { device, head, pipelines: [], byLabel: new Map(head.buffers.map((each, index) => [each.label, index])) })
         replay.buffers = head.buffers.map(({ label, size, usage }) => device.createBuffer({
             label, size, usage: (usage === "uniform" ? GPUBufferUsage.UNIFORM : GPUBufferUsage.STORAGE) |
                 GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST,
@@ -36,22 +36,32 @@ class FrameReplay {
         const layouts = head.pipelines.map(each => each.groups.map(group => device.createBindGroupLayout({
             entries: group.map(([binding, type]) => ({ binding, visibility: GPUShaderStage.COMPUTE, buffer: { type } })),
         })))
-        const compiled = Promise.all(head.pipelines.map((each, index) => device.createComputePipelineAsync({
-            label: each.label,
-            layout: device.createPipelineLayout({ bindGroupLayouts: layouts[index] }),
-            compute: { module: modules[each.code], entryPoint: "main", constants: each.constants },
-        })))
+        const pipelines = new Map() // some differ in their labels only
+        replay.compiling = head.pipelines.map((each, index) => {
+            const key = JSON.stringify([each.code, each.constants, each.groups])
+            if (!pipelines.has(key)) pipelines.set(key, device.createComputePipelineAsync({
+                label: each.label,
+                layout: device.createPipelineLayout({ bindGroupLayouts: layouts[index] }),
+                compute: { module: modules[each.code], entryPoint: "main", constants: each.constants },
+            }))
+            return pipelines.get(key).then(pipeline => { replay.pipelines[index] = pipeline })
+        })
         replay.groups = head.bind_groups.map(each => device.createBindGroup({
             layout: layouts[each.pipeline][each.group],
             entries: each.entries.map(([binding, buffer]) => ({ binding, resource: { buffer: replay.buffers[buffer] } })),
         }))
         const wrong = device.popErrorScope()
         const memory = device.popErrorScope()
-        compiled.catch(() => {}) // reported below, after what explains it
+        Promise.all(replay.compiling).catch(() => {}) // reported by who waits for it, after what explains it
         if (await wrong) throw new Refusal(`This browser's WebGPU refuses the recorded frame: ${(await wrong).message}`)
         if (await memory) throw new Refusal("The graphics device has too little memory for this hologram.")
-        replay.pipelines = await compiled
         return replay
+    }
+
+    // Waits until the pipelines of some steps, or of all, are compiled.
+    async compiled(steps = this.head.steps) {
+        const needed = new Set(steps.flatMap(({ dispatches }) => dispatches.map(([pipeline]) => pipeline)))
+        await Promise.all([...needed].map(pipeline => this.compiling[pipeline]))
     }
 
     // Writes what buffers hold at first. contents, data: as `pack_contents` stores it.
@@ -76,7 +86,7 @@ class FrameReplay {
         this.device.queue.writeBuffer(this.buffer(label), offset, bytes)
     }
 
-    // Submits steps of the recording, in order.
+    // Submits steps of the recording, in order, once they are compiled.
     run(steps) {
         const encoder = this.device.createCommandEncoder()
         const pass = encoder.beginComputePass()
