@@ -206,8 +206,9 @@ class FrameLayout:
 
     @property
     def keeps_spectrum(self) -> bool:
-        """Whether `spectrum` is kept for other focal planes instead of the rows before it, because it is smaller."""
-        return self.shape.places > 1 and self.spectrum.samples < self.entering[-1].samples
+        """Whether `spectrum` is kept for other focal planes instead of the rows before it: it is smaller, or asked for."""
+        is_smaller = self.spectrum.samples < self.entering[-1].samples
+        return self.shape.places > 1 and (is_smaller or self.device.keeps_spectra)
 
     @property
     def kept(self) -> StoredRows:
