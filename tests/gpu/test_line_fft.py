@@ -99,6 +99,22 @@ def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int]) ->
             assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected), (strategy, axis, steps)
 
 
+@pytest.mark.parametrize("shape", explored(SHAPES, [(250, 3)]))
+def test_rough_passes_by_large_workgroups_lose_a_digit_at_most(
+    device: Device, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(device, "is_rough", True)
+    monkeypatch.setattr(device, "pass_invocations", 256)
+    given = _given(shape)
+    for axis, steps in product(AXES, STEPS):
+        expected = _expected(axis, steps, given)
+        error = np.linalg.norm(_run(device, "passes", axis, steps, given) - expected)
+        assert error <= 16 * TOLERANCE * np.linalg.norm(expected), (
+            axis,
+            steps,
+        )  # w¹⁶ errs by sixteen times as much as w
+
+
 @pytest.mark.parametrize(
     ("n", "largest", "lanes"),
     [

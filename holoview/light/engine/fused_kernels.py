@@ -206,7 +206,7 @@ class FrameLayout:
 
     @property
     def keeps_spectrum(self) -> bool:
-        """Whether `spectrum` is kept for other focal planes instead of the rows before it: it is smaller, or asked for."""
+        """Whether `spectrum` is kept for other planes instead of the rows before it: smaller, or asked for."""
         is_smaller = self.spectrum.samples < self.entering[-1].samples
         return self.shape.places > 1 and (is_smaller or self.device.keeps_spectra)
 

@@ -77,8 +77,8 @@ class Device:
     `generated`: shaders that were generated for this device, by what they depend on, the last used at the end.
     `largest_radix`: values that an invocation of an FFT holds in registers at most, up to 32; fewer compile faster.
     `pass_invocations`: of a workgroup of an FFT by passes. `is_rough`: whether these passes are computed to six decimal
-    digits instead of seven, and faster. `keeps_spectra`: whether spectra are kept for other focal planes even where they
-    take more memory than what they follow from.
+    digits instead of seven, and faster. `keeps_spectra`: whether spectra are kept for other focal planes even where
+    they don't take less memory than what they follow from.
     """
 
     largest_radix = 32

@@ -294,7 +294,7 @@ def record_frames(frames: Sequence[Frame], also: Sequence[bytes] = ()) -> Record
     heads: list[dict[str, Any]] = []
     for frame in frames:
         device = RecordingDevice(frame.limits)
-        device.keeps_spectra = frame.strategy == "passes"  # whose forward transform takes a quarter of another plane's time
+        device.keeps_spectra = frame.strategy == "passes"  # a quarter less work for another plane
         if frame.is_quick:
             device.largest_radix, device.pass_invocations, device.is_rough = _QUICK_RADIX, _QUICK_INVOCATIONS, True
         heads.append(_record(device, frame, first_content=len(arrays)))
