@@ -370,6 +370,7 @@ async function asked({ document, head, changes }) {
         buffers: head.buffers.map((_, index) => index),
         device: { queue: { writeBuffer: write, onSubmittedWorkDone: async () => {} } },
         write: (label, bytes, offset = 0) => write(numbers.get(label), offset, bytes),
+        compiled: async () => {},
         run: steps => work.push(["run", steps.map(step => head.steps.indexOf(step))]),
     }
     const { bench } = document

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.light.gpu.device import Device
+from holoview.light.gpu.device import Device, TransformOptions
 from holoview.light.gpu.line_fft import (
     MAX_REGISTERS,
     Axis,
@@ -103,8 +103,7 @@ def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int]) ->
 def test_rough_passes_by_large_workgroups_lose_a_digit_at_most(
     device: Device, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(device, "is_rough", True)
-    monkeypatch.setattr(device, "pass_invocations", 256)
+    monkeypatch.setattr(device, "transforms", TransformOptions(pass_invocations=256, is_rough=True))
     given = _given(shape)
     for axis, steps in product(AXES, STEPS):
         expected = _expected(axis, steps, given)

@@ -206,9 +206,11 @@ class FrameLayout:
 
     @property
     def keeps_spectrum(self) -> bool:
-        """Whether `spectrum` is kept for other planes instead of the rows before it: smaller, or asked for."""
-        is_smaller = self.spectrum.samples < self.entering[-1].samples
-        return self.shape.places > 1 and (is_smaller or self.device.keeps_spectra)
+        """Whether `spectrum` is kept for other planes instead of the rows before it: where it is smaller, and where it
+        is as large and transforms are by passes, which store it anyway."""
+        rows = self.entering[-1].samples
+        is_stored = self.strategy == "passes" and self.spectrum.samples == rows
+        return self.shape.places > 1 and (self.spectrum.samples < rows or is_stored)
 
     @property
     def kept(self) -> StoredRows:
@@ -281,7 +283,7 @@ class FusedKernels:
     @classmethod
     def kept(cls, device: Device, shape: FrameShape, *, half: bool = False) -> FusedKernels:
         """The kernels that were made last for this shape, with all that they have generated, or new kernels."""
-        key, generated = (cls, shape, half, device.largest_radix), device.generated
+        key, generated = (cls, shape, half, device.transforms), device.generated
         kernels: FusedKernels = generated.pop(key, None) or cls(device, shape, half=half)
         generated[key] = kernels
         if len(generated) > _MAX_KEPT:

@@ -69,22 +69,30 @@ class Pipeline:
     label: str
 
 
+@dataclass(frozen=True)
+class TransformOptions:
+    """How shaders of FFTs are generated.
+
+    largest_radix: values that an invocation holds in registers at most, up to 32; fewer compile faster.
+    pass_invocations: of a workgroup of an FFT by passes. is_rough: whether these passes are computed to six decimal
+    digits instead of seven, and faster.
+    """
+
+    largest_radix: int = 32
+    pass_invocations: int = 64
+    is_rough: bool = False
+
+
 class Device:
     """A wgpu device with checks before each native call that could abort the process.
 
     `raw` is the wgpu device, for what this class doesn't wrap (textures, drawing). `limits` are the limits that all
     sizes are checked against. Of the compiled shaders, the `max_pipelines` that were asked for last are kept.
     `generated`: shaders that were generated for this device, by what they depend on, the last used at the end.
-    `largest_radix`: values that an invocation of an FFT holds in registers at most, up to 32; fewer compile faster.
-    `pass_invocations`: of a workgroup of an FFT by passes. `is_rough`: whether these passes are computed to six decimal
-    digits instead of seven, and faster. `keeps_spectra`: whether spectra are kept for other focal planes even where
-    they don't take less memory than what they follow from.
+    `transforms`: how shaders of FFTs are generated for it.
     """
 
-    largest_radix = 32
-    pass_invocations = 64
-    is_rough = False
-    keeps_spectra = False
+    transforms = TransformOptions()
 
     def __init__(
         self, raw: Any, info: AdapterInfo, limits: Mapping[str, int], max_pipelines: int = _MAX_PIPELINES

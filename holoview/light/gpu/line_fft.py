@@ -589,7 +589,7 @@ class LineFft:
         self._strategy = strategy
         check_strategy(device, axis, self._length, strategy)
         repeats = math.lcm(*(step.repeats for step in self._steps))
-        self._radices = radices(self._length, repeats, device.largest_radix)
+        self._radices = radices(self._length, repeats, device.transforms.largest_radix)
         generators = {
             "passes": self._pass_shaders,
             "workgroup": self._workgroup_shader,
@@ -664,8 +664,8 @@ class LineFft:
                 is_first=number == 0,
                 is_last=number == last,
                 begin=uses_hooks,
-                invocations=self._device.pass_invocations,
-                is_rough=self._device.is_rough,
+                invocations=self._device.transforms.pass_invocations,
+                is_rough=self._device.transforms.is_rough,
             )
             reads_texels = self._hooks.texels and number > 0
             parts: list[Part] = [f"fft/work{'_texels' if reads_texels else ''}.wgsl"] if uses_work else []
@@ -675,7 +675,7 @@ class LineFft:
             if uses_hooks:
                 constants |= dict(self._hooks.constants)
             source = self._linked(text, f", block {steps[0][0].block}", parts, uses_hooks)
-            workgroups = partial(pass_workgroups, steps, self._device.pass_invocations)
+            workgroups = partial(pass_workgroups, steps, self._device.transforms.pass_invocations)
             shaders.append(TransformShader(source, constants, workgroups, uses_hooks, uses_work))
         return shaders
 
@@ -715,12 +715,12 @@ def spectrum_order(device: Device, n: int, strategy: Strategy, band: Range | Non
     lanes = lanes_per_line(n, subgroup_size(device)) if strategy == "subgroup" else None
     if lanes is not None:
         return SpectrumOrder.natural(n, lanes, band)
-    return SpectrumOrder.reversed_order(radices(n, largest=device.largest_radix), band)
+    return SpectrumOrder.reversed_order(radices(n, largest=device.transforms.largest_radix), band)
 
 
 def can_transform_repeats(device: Device, n: int, repeats: int, strategy: Strategy) -> bool:
     """Whether the strategy can transform lines of n points with `LineTransform.repeats`."""
-    if n % repeats or repeats > device.largest_radix:
+    if n % repeats or repeats > device.transforms.largest_radix:
         return False
     lanes = lanes_per_line(n, subgroup_size(device)) if strategy == "subgroup" else None
     return lanes is None or can_repeat(n, lanes, repeats)
@@ -754,7 +754,7 @@ def subgroup_size(device: Device) -> int:
 
 
 def _is_supported(device: Device, axis: Axis, n: int, strategy: Strategy) -> bool:
-    factors = radices(n, largest=device.largest_radix)  # raises UserError for sizes that no strategy can transform
+    factors = radices(n, largest=device.transforms.largest_radix)  # or UserError: no strategy can
     if strategy == "workgroup":
         return fit_tile(axis, n, factors, device.limits[_WORKGROUP_MEMORY]) is not None
     if strategy == "subgroup":

@@ -83,7 +83,7 @@ from holoview.light.engine.shader_structs import (
     ShaderInputs,
 )
 from holoview.light.gpu.adapter import AdapterInfo
-from holoview.light.gpu.device import Buffer, Device
+from holoview.light.gpu.device import Buffer, Device, TransformOptions
 from holoview.light.gpu.line_fft import Strategy, supported_strategies
 from holoview.light.gpu.recorder import CommandRecorder
 from holoview.light.gpu.shader import WgslStruct
@@ -122,8 +122,8 @@ DEFAULT_LIMITS = {
 """What every WebGPU device offers: https://www.w3.org/TR/webgpu/#limits."""
 _MORE_WORKGROUP_MEMORY = 32768  # which nearly all graphics cards offer
 _UNIFORM_USAGE = 0x40  # GPUBufferUsage.UNIFORM
-_QUICK_RADIX = 20  # beyond it, SwiftShader takes four times as long to compile a shader
-_QUICK_INVOCATIONS = 256  # of a workgroup: each costs SwiftShader a microsecond
+_QUICK_TRANSFORMS = TransformOptions(largest_radix=20, pass_invocations=256, is_rough=True)
+"""Beyond this radix SwiftShader takes four times as long to compile a shader; each workgroup costs it a microsecond."""
 _KNOTS = 33  # of the line from nominal to true distances, which the effects of the library make straight
 _KEPT_BYTES = 512 << 20  # of fields that are kept between frames; more are recomputed
 
@@ -294,9 +294,8 @@ def record_frames(frames: Sequence[Frame], also: Sequence[bytes] = ()) -> Record
     heads: list[dict[str, Any]] = []
     for frame in frames:
         device = RecordingDevice(frame.limits)
-        device.keeps_spectra = frame.strategy == "passes"  # a quarter less work for another plane
         if frame.is_quick:
-            device.largest_radix, device.pass_invocations, device.is_rough = _QUICK_RADIX, _QUICK_INVOCATIONS, True
+            device.transforms = _QUICK_TRANSFORMS
         heads.append(_record(device, frame, first_content=len(arrays)))
         arrays += [bytes(device.gpu.contents.get(i, b"")) for i in range(len(device.gpu.buffers))]
     of_each, contents, data = pack_contents([*arrays, *also])
