@@ -33,6 +33,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from socket import create_connection
 from threading import BoundedSemaphore, Thread
 from typing import Any
 
@@ -198,14 +199,14 @@ class FieldListener:
         except UserError:
             self._server.server_close()
             raise
-        self._thread = Thread(target=self._server.serve_forever, name="holoview: listener", daemon=True)
+        self._thread = Thread(target=self._server.serve, name="holoview: listener", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Ends the listener and takes its announcement back."""
-        self._server.shutdown()
-        self._server.server_close()
+        self._server.end()
         self._thread.join()
+        self._server.server_close()
         with suppress(UserError):
             if announced_listener() == self.listener:  # another viewer may have announced itself since
                 announcement_path().unlink(missing_ok=True)
@@ -224,6 +225,18 @@ class _Server(ThreadingHTTPServer):
         super().__init__(address, _RequestHandler)
         self.receive, self.token = receive, secrets.token_urlsafe(18)
         self.places = BoundedSemaphore(_AT_ONCE)
+        self._is_open = True
+
+    def serve(self) -> None:
+        """Answers until `end`, and rests where nobody sends: `serve_forever` looks twice a second whether it shall end."""
+        while self._is_open:
+            self.handle_request()
+
+    def end(self) -> None:
+        """Ends `serve`, which a connection wakes."""
+        self._is_open = False
+        with suppress(OSError):
+            create_connection((HOST, self.server_address[1])).close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that goes away in the middle of a request is no error of the viewer."""
