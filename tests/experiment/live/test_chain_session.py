@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holoview.bench.experiment.rig_bench import system_of_rig
-from holoview.bench.rig import read_rig
+from holoview.bench.rig import RigDescription, read_rig
 from holoview.holograms.hologram import Hologram
 from holoview.holograms.view import random_drive
 from holoview.util.errors import UserError
@@ -46,6 +46,12 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
     made.session.close()
 
 
+@pytest.fixture(scope="module")
+def described(tmp_path_factory: pytest.TempPathFactory) -> RigDescription:
+    """The rig as its file tells it: nothing is opened."""
+    return read_rig(write_chain_rig(tmp_path_factory.mktemp("chain")))
+
+
 def test_the_documents_frame_is_sent_and_its_picture_judges_the_benchs_models(opened: Opened) -> None:
     rig = opened.rig
     rig.send(drive_pattern(opened.description, opened.session.document.drive, "frame 1"))
@@ -66,21 +72,21 @@ def test_the_documents_frame_is_sent_and_its_picture_judges_the_benchs_models(op
     assert capture.chain is not None and capture.levels.shape == (1, 2, 24, 32)
 
 
-def test_patterns_are_rounded_to_each_elements_own_levels(opened: Opened, tmp_path: Path) -> None:
-    rig, system = opened.description, opened.session.system
+def test_patterns_are_rounded_to_each_elements_own_levels(described: RigDescription, tmp_path: Path) -> None:
+    system = system_of_rig(described)
     drive = random_drive(system, 3)
-    sent = drive_pattern(rig, drive, "drawn").levels
+    sent = drive_pattern(described, drive, "drawn").levels
     np.testing.assert_array_equal(sent[0], np.rint(drive["phase"][0].astype(np.float64) * 255))
     np.testing.assert_array_equal(sent[1, :12, :16], np.rint(drive["coarse"][0].astype(np.float64) * 63))
     assert not sent[1, 12:].any() and not sent[1, :, 16:].any()
-    assert flat_pattern(rig, 1.0).levels[1].max() == 63
+    assert flat_pattern(described, 1.0).levels[1].max() == 63
     Hologram(drive, system).save(tmp_path / "h.safetensors")
-    np.testing.assert_array_equal(file_pattern(rig, tmp_path / "h.safetensors").levels, sent)
+    np.testing.assert_array_equal(file_pattern(described, tmp_path / "h.safetensors").levels, sent)
 
 
-def test_one_pattern_of_all_frames_is_sent_in_each(opened: Opened) -> None:
+def test_one_pattern_of_all_frames_is_sent_in_each(described: RigDescription) -> None:
     drive = {"phase": np.zeros((2, 24, 32)), "coarse": np.ones((1, 12, 16))}
-    assert drive_pattern(opened.description, drive, "second", 1).levels[1, :12, :16].min() == 63
+    assert drive_pattern(described, drive, "second", 1).levels[1, :12, :16].min() == 63
 
 
 @pytest.mark.parametrize(
@@ -92,6 +98,6 @@ def test_one_pattern_of_all_frames_is_sent_in_each(opened: Opened) -> None:
         np.zeros((1, 2, 24, 32)),
     ],
 )
-def test_patterns_of_another_bench_are_refused_with_what_to_do(opened: Opened, drive: object) -> None:
+def test_patterns_of_another_bench_are_refused_with_what_to_do(described: RigDescription, drive: object) -> None:
     with pytest.raises(UserError, match=r"expected phase 24 × 32, coarse 12 × 16 as the rig has; take the bench"):
-        drive_pattern(opened.description, drive, "the viewer's")  # type: ignore[arg-type]
+        drive_pattern(described, drive, "the viewer's")  # type: ignore[arg-type]
