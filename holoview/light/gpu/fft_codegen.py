@@ -12,7 +12,7 @@ import cmath
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Literal
 
 from holoview.light.gpu.shader import WgslStruct
@@ -124,6 +124,7 @@ def merge_passes(length: int, factors: tuple[int, ...], steps: Sequence[LineTran
     return merged
 
 
+@lru_cache(maxsize=256)
 def generate_pass_shader(
     axis: Axis,
     steps: PassSteps,

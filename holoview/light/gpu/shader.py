@@ -79,6 +79,7 @@ class ShaderSource:
         return groups
 
 
+@lru_cache(maxsize=256)
 def link(*parts: str | GeneratedWgsl, label: str = "", root: Path | None = None) -> ShaderSource:
     """Concatenate shader files (relative to `root`, by default the folder `shaders`) and generated text, in order.
 

@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from imgui_bundle import imgui
@@ -347,13 +348,13 @@ class Chord:
 
     text: str
 
-    @property
+    @cached_property
     def parts(self) -> tuple[tuple[str, ...], str]:
         """Names of the modifiers and of the key, as events have them."""
         *modifiers, key = self.text.split("+") if self.text != "+" else ["+"]
         return tuple("Control" if name == "Ctrl" else name for name in modifiers), _SPOKEN.get(key, key)
 
-    @property
+    @cached_property
     def code(self) -> int:
         """ImGui's code of the key chord."""
         modifiers, name = self.parts
