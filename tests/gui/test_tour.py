@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import pytest
 from imgui_bundle import imgui
+from PIL import Image
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
+from holoview.holograms.targets.picture import UnreadPicture
 from holoview.light.gpu.device import Device
 from holoview.light.model import preset
 from holoview.viewer.app import run
@@ -21,7 +24,7 @@ from holoview.viewer.document.example import EXAMPLE_PRESET, new_session
 from holoview.viewer.document.file_loader import FilesToOpen
 from holoview.viewer.document.optimisation_job import running_optimisation
 from holoview.viewer.document.session_store import SessionStore
-from holoview.viewer.document.target_builder import example_target
+from holoview.viewer.document.target_builder import TargetSpec, example_target
 from holoview.viewer.render.view_settings import NOW
 from tests.gui.conftest import SIZE, Gui, small_bench
 
@@ -48,11 +51,24 @@ def start(device: Device, tmp_path: Path) -> Iterator[Callable[..., App]]:
         app.close()
 
 
+@pytest.fixture(scope="module")
+def small_example(tmp_path_factory: pytest.TempPathFactory) -> TargetSpec:
+    """The still life with its depth, of as many pixels as the small bench."""
+    folder, example = tmp_path_factory.mktemp("example"), example_target()
+    assert isinstance(example.source, UnreadPicture) and isinstance(example.placement.depth, Path)
+    small = []
+    for path in (Path(example.source.source), example.placement.depth):
+        with Image.open(path) as picture:
+            picture.resize((96, 64)).save(folder / path.name)
+        small.append(folder / path.name)
+    return replace(example, source=UnreadPicture(small[0]), placement=replace(example.placement, depth=small[1]))
+
+
 @pytest.fixture
-def gui(make_gui: Callable[..., Gui]) -> Gui:
+def gui(make_gui: Callable[..., Gui], small_example: TargetSpec) -> Gui:
     """A viewer of the small bench with the still life as target, in which the tour was started."""
     opened = make_gui(size=(800, 480), engine=True)
-    opened.session.edit("Target", target_spec=example_target())
+    opened.session.edit("Target", target_spec=small_example)
     opened.draw_until_idle()
     opened.context.commands.run("Tour")
     opened.draw_frames(3)

@@ -18,7 +18,7 @@ from PIL import Image
 import holoview as hv
 from holoview.commands import cli
 from holoview.evidence.study.claims import QUANTITIES, judge_claim, parse_claim
-from holoview.evidence.study.hologram_report import report_html, review_hologram
+from holoview.evidence.study.hologram_report import ReviewedHologram, report_html, review_hologram
 from holoview.holograms.metrics.sharpness import BlackBesideWhite, ContrastRatio, Mtf
 from holoview.util.errors import UserError
 from tests.chromium import Browser, check_document, needs_chromium
@@ -283,25 +283,30 @@ def test_a_raw_value_is_a_bound_that_bears_out_a_claim_from_one_side(text: str, 
     assert judge_claim(parse_claim(text), values, is_rough=True).verdict == (verdict if is_of_light else "undecided")
 
 
-@pytest.mark.parametrize("quantity", ["N_eff", "CR", "CR_sequential", "CR_checkerboard", "MTF50"])
-def test_claims_on_ratios_patterns_and_sharpness_know_their_errors(quantity: str) -> None:
-    """Within two standard errors they are undecided, on the page and in JSON; beyond, they have a verdict."""
+@pytest.fixture(scope="module")
+def reviewed() -> ReviewedHologram:
+    """Random patterns with ratios, patterns and a sharpness that know their errors."""
     system = hv.load("holochrome-8").with_(shape=list(SHAPE))
     hologram = hv.Hologram(hv.random_drive(system, 1), system)
-    one = replace(
+    return replace(
         review_hologram("random patterns", "", hologram, 0.01, REGION),
         black=BlackBesideWhite(30.0, 2.0, 100, 0.02),
         display=SimpleNamespace(sequential=ContrastRatio(20.0, 1.0), checkerboard=ContrastRatio(10.0, 0.5)),  # type: ignore[arg-type]
         mtf=Mtf(np.array([0.0, 0.1, 0.2]), np.array([1.0, 0.7, 0.3]), float("nan"), 0.01),
     )
-    value, error = one.values[quantity]
+
+
+@pytest.mark.parametrize("quantity", ["N_eff", "CR", "CR_sequential", "CR_checkerboard", "MTF50"])
+def test_claims_on_ratios_patterns_and_sharpness_know_their_errors(reviewed: ReviewedHologram, quantity: str) -> None:
+    """Within two standard errors they are undecided, on the page and in JSON; beyond, they have a verdict."""
+    value, error = reviewed.values[quantity]
     assert error is not None and error > 0
     claims = [parse_claim(f"{quantity} > {value - sigmas * error:.6f}") for sigmas in (1, 3, -3)]
-    assert [of.verdict for of in one.judge(claims)] == ["undecided", "holds", "doesn't hold"]
-    table = one.as_json(claims)
+    assert [of.verdict for of in reviewed.judge(claims)] == ["undecided", "holds", "doesn't hold"]
+    table = reviewed.as_json(claims)
     assert [claim["standard_error"] for claim in table["claims"]] == [error] * 3
     assert (table["sequential_standard_error"], table["mtf"]["half_standard_error"]) == (1.0, 0.01)
-    page = report_html([one], claims, title="", command="", seeds={})
+    page = report_html([reviewed], claims, title="", command="", seeds={})
     for words in ("20.0 ± 1.0 : 1, 10.00 ± 0.50 : 1", "15.00 ± 0.30 : 1", "0.150 ± 0.010 cycles a sample"):
         assert words in page
     assert "not of a sample, and have no standard error" in page
