@@ -228,7 +228,7 @@ class _Server(ThreadingHTTPServer):
         self._is_open = True
 
     def serve(self) -> None:
-        """Answers until `end`, and rests where nobody sends: `serve_forever` looks twice a second whether it shall end."""
+        """Answers until `end`, and rests meanwhile: `serve_forever` looks twice a second whether it shall end."""
         while self._is_open:
             self.handle_request()
 
