@@ -15,7 +15,6 @@ import pytest
 # Before numpy and torch are loaded, and for the programs that tests start: on grids this small, threads that share
 # their cores with other processes mostly wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("LP_NUM_THREADS", "0")  # of lavapipe, which then draws in the thread that asks for it
 
 import hypothesis
 import psutil
