@@ -7,7 +7,7 @@
     observe    row IFFT → |field|² × weight                → intensity
 
 A place is a modulator of the short form, or elements of a chain without a way between them. If the last relay's stops
-pass so little that the spectrum is smaller than the rows before it, or the device asks for it, `propagate` to the plane
+pass so little that the spectrum is smaller than the rows before it, or passes store it anyway, `propagate` to the plane
 is split, so that other planes are computed from the spectrum:
 
     spectrum   column FFT                                  → spectrum
