@@ -529,7 +529,8 @@ def with_costly_in_place(context: SearchContext, result: SearchResult, effects: 
     Simple effects come first in every screening, and imitate costly effects: a blur of the camera stands for an
     extended source, even more so while the distance is wrong. So each costly effect is tried beside the other causes.
     It is followed up only if it leaves clearly less than the cause that it replaces. In place of a single cause, and
-    once the budget is spent, only effects whose search takes a small part of it are tried.
+    once the budget is spent, only effects whose search takes a small part of it are tried; of more causes than are
+    searched from nothing, in place of the one that was added last.
     """
     best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
     is_alone = len(best.causes) < 2
@@ -540,9 +541,10 @@ def with_costly_in_place(context: SearchContext, result: SearchResult, effects: 
     costly = [e for e in effects if e.id not in best.causes and largest_field_count(context, e) >= COSTLY_FIELDS]
     if context.budget_exhausted or is_alone:
         costly = [e for e in costly if not is_dear(context, e)]
+    replaced = best.causes if len(best.causes) <= _MAX_CAUSES else best.causes[-1:]
     jobs = [
         partial(fit_over_range, context, others.values, effect, [])
-        for others in map(best.without, best.causes)
+        for others in map(best.without, replaced)
         for effect in costly
         if _is_compatible(context, effect, others)
     ]
