@@ -10,7 +10,7 @@ from holoview.bench.diagnose.fit import CandidateFit, local_fit
 from holoview.bench.diagnose.judge import JITTER_CHI2, Verdict, rank_on_held_out
 from holoview.bench.diagnose.pipeline import diagnose
 from holoview.bench.diagnose.refine import refine_fit
-from holoview.bench.diagnose.search import shared_with_costly, with_costly_in_place
+from holoview.bench.diagnose.search import shared_with_costly, with_others_in_place
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
@@ -25,7 +25,7 @@ def test_an_extended_source_is_tried_in_place_of_the_blur_that_imitates_it(make_
     blurred = rank_on_held_out(context, [refine_fit(context, start)])
     effects = [context.effects[name] for name in ("bandwidth", "source_extent", "tilt")]
     spent = replace(context, field_budget=0.5 * context.predictor.fields_requested)
-    found = with_costly_in_place(spent, blurred, effects)
+    found = with_others_in_place(spent, blurred, effects)
     best = rank_on_held_out(context, [*found, blurred.best.fit]).best
     assert {*best.causes} == {"distance", "source_extent"}
     assert best.excess < 0.3 * blurred.best.excess
@@ -38,9 +38,9 @@ def test_it_is_tried_in_place_of_a_lone_blur_but_not_of_another_costly_effect(ma
     effects = [context.effects[name] for name in ("bandwidth", "source_extent")]
     (blur,), (line,) = _alone(context, camera_blur={"sigma": 0.8}), _alone(context, bandwidth={"sigma": 3e-9})
     blurred = rank_on_held_out(context, [refine_fit(context, blur)])
-    best = rank_on_held_out(context, [*with_costly_in_place(context, blurred, effects), blurred.best.fit]).best
+    best = rank_on_held_out(context, [*with_others_in_place(context, blurred, effects), blurred.best.fit]).best
     assert best.causes == ("source_extent",) and best.excess < 0.3 * blurred.best.excess
-    assert with_costly_in_place(context, rank_on_held_out(context, [line]), effects) == []
+    assert with_others_in_place(context, rank_on_held_out(context, [line]), effects) == []
 
 
 @pytest.mark.long

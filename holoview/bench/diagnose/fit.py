@@ -47,7 +47,7 @@ _STEP_EVEN = 0.1
 """[prior²] Of parameters whose square images depend on. Evidence: images are nearly linear in the square; smaller steps
 are lost in the jumps of irises on a grid."""
 _STEP_HARD_EDGE = 0.4  # [prior] Of parameters that move a hard edge. Evidence: the edge passes over many samples.
-_FIT_ITERATIONS = 6  # [1] Levenberg–Marquardt iterations of a fit. Evidence: the search study.
+FIT_ITERATIONS = 6  # [1] Levenberg–Marquardt iterations of a fit. Evidence: the search study.
 _FIT_TOLERANCE = 2e-3
 """[1] A fit ends when an iteration lowers the cost by less than this share. Evidence: the search study."""
 _REFIT_ITERATIONS = 3  # [1] Iterations of a fit from values that were fitted before.
@@ -228,7 +228,7 @@ def local_fit(
     start: FittedValues,
     comparison: Comparison,
     *,
-    iterations: int = _FIT_ITERATIONS,
+    iterations: int = FIT_ITERATIONS,
     tolerance: float = _FIT_TOLERANCE,
     include_fine: bool = False,
     step_factor: float = 1.0,

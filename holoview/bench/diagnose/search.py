@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from holoview.bench.diagnose.capture_split import spread_over_wavelengths
-from holoview.bench.diagnose.fit import CandidateFit, cost_or_inf, free_parameters_of, local_fit
+from holoview.bench.diagnose.fit import FIT_ITERATIONS, CandidateFit, cost_or_inf, free_parameters_of, local_fit
 from holoview.bench.diagnose.judge import (
     FLOOR_CHI2,
     NEAR_CHI2,
@@ -58,9 +58,10 @@ from holoview.bench.diagnose.screening import (
     is_dear,
     largest_field_count,
     screen_effects,
+    usual_budget,
     without_costly_fits,
 )
-from holoview.bench.diagnose.search_context import SearchContext
+from holoview.bench.diagnose.search_context import SearchContext, SearchEnded
 from holoview.bench.diagnose.starts.stuck import is_stuck_effect
 from holoview.light.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
@@ -76,6 +77,9 @@ which was one of the two causes.
 """
 _JOINT_FITS = 3  # [fits] Joint fits of a base and one more cause after each stage of a screening.
 _REFINED_JOINT_FITS = 2  # [fits] The best of these are refined.
+_BASE_EXCESS_FACTOR = 2.0
+"""[1] Of the best candidate's excess, up to which others are bases, where there are several causes. Evidence: measured:
+beside a gap, a blur with stray light left 14 and 11, and with a black level, first in smooth captures, 105 and 39."""
 _MAX_CAUSES = 3
 """[causes] At most so many are named. Evidence: the search study named pairs only; more: none recorded."""
 _MAX_CAUSES_BEYOND_MIDDLE = 2
@@ -102,6 +106,10 @@ _JOINT_PREDICTIONS = 200
 """[captures] Predicted in a joint fit of two costly causes, whose fields multiply; the budget must have so many left.
 Evidence: derivation: 4 coarse captures in 4 iterations of 3 predictions, then 8 fine ones in 6. A bandwidth beside a
 flicker (66 fields a capture) fits into the budget, an extended source beside either (600 and more) doesn't."""
+_JOINT_SHARE = 0.5
+"""[1] Of the usual budget of fields, which a joint fit of an effect in place of another may take. Evidence: measured:
+beside 46 numbers of a beam, a wavefront and stuck pixels, two fits of an extended source took nine budgets, or ten
+minutes."""
 _JOINT_NO_SCAN_CHI2 = 2.0
 """[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause; as
 `screening._NO_SCAN_CHI2`."""
@@ -264,19 +272,40 @@ def _with_further_causes(
     share: float = MAX_FURTHER_EXCESS_SHARE,
 ) -> SearchResult:
     """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures, each to less
-    than a share of the excess, and other samples don't explain what is left."""
-    for number in range(max(len(result.best.causes), 1) + 1, most + 1):
-        if is_at_floor(result) or not result.candidates or context.budget_exhausted:
-            break
-        if may_be_samples(context, result.best.excess, result.pixel_count):
-            break
-        if better := samples_that_explain(context, result):
-            return replace(result, better_sampling=better)
-        wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
-        if not _is_better(context, wider, result, share):
-            break
-        result = free_fine_parameters(context, wider)
-    return result
+    than a share of the excess, and other samples don't explain what is left.
+
+    A cause that leaves more than that share, but less than `MAX_FURTHER_EXCESS_SHARE`, stays if with the next one it
+    leaves less than the share of the share: where two causes take half each, neither alone would be named.
+    """
+    accepted = result
+    try:
+        while (number := max(len(result.best.causes), 1) + 1) <= most:  # one may have been dropped
+            if is_at_floor(result) or not result.candidates or context.budget_exhausted:
+                break
+            if may_be_samples(context, result.best.excess, result.pixel_count):
+                break
+            if better := samples_that_explain(context, result):
+                return replace(result, better_sampling=better)
+            found = _search_further_causes(context, result, number, effects, progress)
+            wider = _drop_superfluous_causes(context, found)
+            is_enough = _is_better(context, wider, accepted, _share_of(wider, accepted, share))
+            may_be_half = result is accepted and _is_better(context, wider, accepted, MAX_FURTHER_EXCESS_SHARE)
+            if not is_enough and not may_be_half:
+                break
+            result = free_fine_parameters(context, wider)
+            accepted = result if is_enough else accepted
+    except SearchEnded:
+        so_far = context.best_so_far.result or accepted
+        has_more = len(so_far.best.causes) > len(accepted.best.causes)
+        if has_more and so_far.best.excess > _share_of(so_far, accepted, share) * accepted.best.excess:
+            context.best_so_far.note(accepted)
+        raise
+    return accepted
+
+
+def _share_of(wider: SearchResult, accepted: SearchResult, share: float) -> float:
+    """The share of the excess below which the causes have to leave that a result adds to those that were accepted."""
+    return float(share ** max(len(wider.best.causes) - len(accepted.best.causes), 1))
 
 
 def _search_single_causes(
@@ -352,7 +381,7 @@ def _search_second_causes_early(
     result = free_fine_parameters(context, result, also_costly=False)
     if better := samples_that_explain(context, result):
         return replace(result, better_sampling=better)
-    if not is_settled(result) and (costly := with_costly_in_place(context, result, effects)):
+    if not is_settled(result) and (costly := with_others_in_place(context, result, effects)):
         result = rank_on_held_out(context, [*costly, *(c.fit for c in result.candidates)])
     if _is_settled(context, result):
         return result
@@ -395,7 +424,7 @@ def _search_further_causes(
         result = refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
         if result.best.causes != exchanged and not is_settled(result):
             exchanged = result.best.causes
-            if costly := with_costly_in_place(context, result, effects):
+            if costly := with_others_in_place(context, result, effects):
                 fits += costly
                 result = rank_on_held_out(context, [*costly, *(c.fit for c in result.candidates)])
         if explains_everything(result) or is_settled(result):
@@ -523,37 +552,57 @@ def _fit_from_middle(context: SearchContext, a: CandidateFit, b: CandidateFit) -
     return local_fit(effects, free.unpack(middle, values), comparison)
 
 
-def with_costly_in_place(context: SearchContext, result: SearchResult, effects: Sequence[Effect]) -> list[CandidateFit]:
-    """Refined fits in which an effect of many fields stands in place of one cause of the best candidate.
+def with_others_in_place(context: SearchContext, result: SearchResult, effects: Sequence[Effect]) -> list[CandidateFit]:
+    """Refined fits in which another effect stands in place of one cause of the best candidate.
 
     Simple effects come first in every screening, and imitate costly effects: a blur of the camera stands for an
-    extended source, even more so while the distance is wrong. So each costly effect is tried beside the other causes.
-    It is followed up only if it leaves clearly less than the cause that it replaces. In place of a single cause, and
-    once the budget is spent, only effects whose search takes a small part of it are tried; of more causes than are
-    searched from nothing, in place of the one that was added last.
+    extended source, even more so while the distance is wrong. So each effect of many fields is tried beside the other
+    causes. In place of a single cause, and once the budget is spent, only such as take a small part of it are tried. Of
+    more causes than are searched from nothing only the one that was added last is replaced, by simple effects first: of
+    these the screening ended at the first that came near in smooth captures.
     """
     best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
-    is_alone = len(best.causes) < 2
+    is_alone, are_many = len(best.causes) < 2, len(best.causes) > _MAX_CAUSES
     if not best.causes or context.screening_exhausted:
         return []
     if is_alone and field_count(context, best.values) >= COSTLY_FIELDS:
         return []  # no simple effect that imitates them
-    costly = [e for e in effects if e.id not in best.causes and largest_field_count(context, e) >= COSTLY_FIELDS]
+    others = [e for e in effects if e.id not in best.causes]
+    costly = [e for e in others if largest_field_count(context, e) >= COSTLY_FIELDS]
+    if are_many and (found := _in_place(context, best, best.causes[-1:], [e for e in others if e not in costly])):
+        return found
     if context.budget_exhausted or is_alone:
         costly = [e for e in costly if not is_dear(context, e)]
-    replaced = best.causes if len(best.causes) <= _MAX_CAUSES else best.causes[-1:]
+    return _in_place(context, best, best.causes[-1:] if are_many else best.causes, costly)
+
+
+def _in_place(
+    context: SearchContext, best: CandidateFit, replaced: Sequence[str], effects: Sequence[Effect]
+) -> list[CandidateFit]:
+    """Refined fits in which one of the effects stands in place of one of the causes to be replaced.
+
+    It is followed up only if it leaves clearly less, and, unless the search is thorough, if a joint fit takes no large
+    part of the usual budget.
+    """
     jobs = [
         partial(fit_over_range, context, others.values, effect, [])
         for others in map(best.without, replaced)
-        for effect in costly
+        for effect in effects
         if _is_compatible(context, effect, others)
     ]
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     noise = unbiased.pixel_count
     limit = noise + _WORTHWHILE_COST * (cost_or_inf(unbiased, best.values) - noise)
     fits = [f for f in context.run_parallel(jobs) if cost_or_inf(unbiased, f.values) < limit]
-    joint = _joint_fits(context, fits)[:_REFINED_JOINT_FITS]
-    return context.run_parallel([partial(refine_fit, context, f) for f in joint])
+    most = _JOINT_SHARE * usual_budget(context) if math.isfinite(context.field_budget) else math.inf
+    joint = _joint_fits(context, [f for f in fits if _joint_fields(context, f) < most])
+    return context.run_parallel([partial(refine_fit, context, f) for f in joint[:_REFINED_JOINT_FITS]])
+
+
+def _joint_fields(context: SearchContext, fit: CandidateFit) -> float:
+    """Fields that a joint fit of all causes takes: a prediction of each capture for each number and iteration."""
+    numbers = len(free_parameters_of([context.effects[name] for name in fit.causes], fit.values))
+    return FIT_ITERATIONS * (1 + numbers) * len(context.split.coarse) * field_count(context, fit.values)
 
 
 def _is_like_best(context: SearchContext, score: HeldOutScore, result: SearchResult) -> bool:
@@ -571,11 +620,13 @@ def _short_list(fits: list[CandidateFit]) -> list[CandidateFit]:
 
 def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:
     """The bases of further causes: the best candidates with so many causes. Far from the floor, smooth captures order
-    them, because rough captures favour every loss of contrast. Of two names for the same physics, only the name of
-    fewer numbers is a base. Many numbers lower the cost whatever is wrong.
+    them, because rough captures favour every loss of contrast, but of several causes only such as leave not much more
+    than the best. Of two names for the same physics, only the name of fewer numbers is a base. Many numbers lower the
+    cost whatever is wrong.
     """
-    count = context.config.bases if causes == 1 else 1
-    same = [c for c in result.candidates if len(c.causes) == causes and not _has_shorter_name(context, c, result)]
+    count, limit = (context.config.bases, math.inf) if causes == 1 else (1, _BASE_EXCESS_FACTOR * result.best.excess)
+    alike = [c for c in result.candidates if len(c.causes) == causes and c.excess <= limit]
+    same = [c for c in alike if not _has_shorter_name(context, c, replace(result, candidates=tuple(alike)))]
     if result.best.chi2_per_pixel > NEAR_CHI2:
         smooth = _smooth_comparison(context)
         same.sort(key=lambda c: cost_or_inf(smooth, c.fit.values) * (1 + _NUMBER_COST * c.fit.parameter_count))
