@@ -84,7 +84,9 @@ def _result(*left: float) -> SearchResult:
         ([20.0], 2),
         ([50.0, 8.0], 3),  # each half, together less than 0.3²
         ([50.0, 20.0], 1),
-        ([50.0, 45.0, 1.0], 1),  # a third isn't waited for
+        ([50.0, 45.0, 1.0], 1),  # the second takes next to nothing
+        ([50.0, 25.0, 2.0], 4),
+        ([50.0, 25.0, 5.0], 1),
         ([90.0, 1.0], 1),
         ([20.0, 10.0], 2),  # the second leaves half of what is left, too much
         ([20.0, 10.0, 1.0], 4),

@@ -147,6 +147,11 @@ def prediction_cost(context: SearchContext, values: Values) -> float:
     return max(1.0, samples / USUAL_SAMPLES) * field_count(context, values)
 
 
+def changes_light(effect: Effect) -> bool:
+    """Whether an effect acts before the camera, so that each of its values needs fields of its own."""
+    return any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power")
+
+
 def search_cost(context: SearchContext, effect: Effect) -> float:
     """Estimated cost of the search of an effect, in fields, which orders the queue.
 
@@ -156,7 +161,7 @@ def search_cost(context: SearchContext, effect: Effect) -> float:
     if is_stuck_effect(effect):
         return _STUCK_COST
     points = len(list(effect.starting_points(context.system))) + _POINTS_PER_PARAMETER * len(effect.parameters)
-    if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
+    if changes_light(effect):
         if (largest := largest_field_count(context, effect)) < VERY_COSTLY_FIELDS:
             return points * (_UPSTREAM_COST * largest)
         few = _doubling_points(context, effect)[:_COSTLY_SCAN_POINTS]

@@ -53,6 +53,7 @@ from holoview.bench.diagnose.rivals import prefer_fewer_numbers, with_rivals
 from holoview.bench.diagnose.screening import (
     COSTLY_FIELDS,
     SCAN_CAPTURES,
+    changes_light,
     field_count,
     fit_over_range,
     is_dear,
@@ -107,9 +108,9 @@ _JOINT_PREDICTIONS = 200
 Evidence: derivation: 4 coarse captures in 4 iterations of 3 predictions, then 8 fine ones in 6. A bandwidth beside a
 flicker (66 fields a capture) fits into the budget, an extended source beside either (600 and more) doesn't."""
 _JOINT_SHARE = 0.5
-"""[1] Of the usual budget of fields, which a joint fit of an effect in place of another may take. Evidence: measured:
-beside 46 numbers of a beam, a wavefront and stuck pixels, two fits of an extended source took nine budgets, or ten
-minutes."""
+"""[1] Of the usual budget of fields, which a joint fit of many causes may take, one in place of another. Evidence:
+measured: beside 46 numbers of a beam, a wavefront and stuck pixels, two fits of an extended source took nine budgets,
+or ten minutes."""
 _JOINT_NO_SCAN_CHI2 = 2.0
 """[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause; as
 `screening._NO_SCAN_CHI2`."""
@@ -274,10 +275,15 @@ def _with_further_causes(
     """Causes added one by one, up to `most`, as long as they improve the prediction of held-out captures, each to less
     than a share of the excess, and other samples don't explain what is left.
 
-    A cause that leaves more than that share, but less than `MAX_FURTHER_EXCESS_SHARE`, stays if with the next one it
-    leaves less than the share of the share: where two causes take half each, neither alone would be named.
+    A cause that leaves more than that share, but less than `MAX_FURTHER_EXCESS_SHARE`, waits for the next ones: they
+    stay once together they leave less than the share to the power of their count. Where two causes take half each,
+    neither alone would be named. Where the search has to end meanwhile, the causes count that were accepted.
     """
     accepted = result
+
+    def is_enough(wider: SearchResult) -> bool:
+        return _is_better(context, wider, accepted, _share_of(wider, accepted, share))
+
     try:
         while (number := max(len(result.best.causes), 1) + 1) <= most:  # one may have been dropped
             if is_at_floor(result) or not result.candidates or context.budget_exhausted:
@@ -286,14 +292,14 @@ def _with_further_causes(
                 break
             if better := samples_that_explain(context, result):
                 return replace(result, better_sampling=better)
-            found = _search_further_causes(context, result, number, effects, progress)
-            wider = _drop_superfluous_causes(context, found)
-            is_enough = _is_better(context, wider, accepted, _share_of(wider, accepted, share))
-            may_be_half = result is accepted and _is_better(context, wider, accepted, MAX_FURTHER_EXCESS_SHARE)
-            if not is_enough and not may_be_half:
+            wider = _search_further_causes(context, result, number, effects, progress)
+            if share >= MAX_FURTHER_EXCESS_SHARE or is_enough(wider):  # of causes that wait none is dropped
+                wider = _drop_superfluous_causes(context, wider)
+            may_stay = is_enough(wider)
+            if not may_stay and not _is_better(context, wider, result, MAX_FURTHER_EXCESS_SHARE):
                 break
             result = free_fine_parameters(context, wider)
-            accepted = result if is_enough else accepted
+            accepted = result if may_stay else accepted
     except SearchEnded:
         so_far = context.best_so_far.result or accepted
         has_more = len(so_far.best.causes) > len(accepted.best.causes)
@@ -558,8 +564,9 @@ def with_others_in_place(context: SearchContext, result: SearchResult, effects: 
     Simple effects come first in every screening, and imitate costly effects: a blur of the camera stands for an
     extended source, even more so while the distance is wrong. So each effect of many fields is tried beside the other
     causes. In place of a single cause, and once the budget is spent, only such as take a small part of it are tried. Of
-    more causes than are searched from nothing only the one that was added last is replaced, by simple effects first: of
-    these the screening ended at the first that came near in smooth captures.
+    more causes than are searched from nothing only the one that was added last is replaced, by effects of the camera
+    first, which need no further fields: of these the screening ended at the first that came near in smooth captures.
+    Unless the search is thorough, a joint fit of so many takes no large part of the usual budget.
     """
     best = next((c for c in result.candidates if _is_like_best(context, c, result)), result.best).fit
     is_alone, are_many = len(best.causes) < 2, len(best.causes) > _MAX_CAUSES
@@ -569,20 +576,25 @@ def with_others_in_place(context: SearchContext, result: SearchResult, effects: 
         return []  # no simple effect that imitates them
     others = [e for e in effects if e.id not in best.causes]
     costly = [e for e in others if largest_field_count(context, e) >= COSTLY_FIELDS]
-    if are_many and (found := _in_place(context, best, best.causes[-1:], [e for e in others if e not in costly])):
-        return found
     if context.budget_exhausted or is_alone:
         costly = [e for e in costly if not is_dear(context, e)]
-    return _in_place(context, best, best.causes[-1:] if are_many else best.causes, costly)
+    if not are_many:
+        return _in_place(context, best, best.causes, costly)
+    simple, last = [e for e in others if not changes_light(e)], best.causes[-1:]
+    most = _JOINT_SHARE * usual_budget(context) if math.isfinite(context.field_budget) else math.inf
+    return _in_place(context, best, last, simple) or _in_place(context, best, last, costly, most)
 
 
 def _in_place(
-    context: SearchContext, best: CandidateFit, replaced: Sequence[str], effects: Sequence[Effect]
+    context: SearchContext,
+    best: CandidateFit,
+    replaced: Sequence[str],
+    effects: Sequence[Effect],
+    most_fields: float = math.inf,
 ) -> list[CandidateFit]:
     """Refined fits in which one of the effects stands in place of one of the causes to be replaced.
 
-    It is followed up only if it leaves clearly less, and, unless the search is thorough, if a joint fit takes no large
-    part of the usual budget.
+    It is followed up only if it leaves clearly less, and if a joint fit takes fewer than `most_fields`.
     """
     jobs = [
         partial(fit_over_range, context, others.values, effect, [])
@@ -594,8 +606,7 @@ def _in_place(
     noise = unbiased.pixel_count
     limit = noise + _WORTHWHILE_COST * (cost_or_inf(unbiased, best.values) - noise)
     fits = [f for f in context.run_parallel(jobs) if cost_or_inf(unbiased, f.values) < limit]
-    most = _JOINT_SHARE * usual_budget(context) if math.isfinite(context.field_budget) else math.inf
-    joint = _joint_fits(context, [f for f in fits if _joint_fields(context, f) < most])
+    joint = _joint_fits(context, [f for f in fits if _joint_fields(context, f) < most_fields])
     return context.run_parallel([partial(refine_fit, context, f) for f in joint[:_REFINED_JOINT_FITS]])
 
 
