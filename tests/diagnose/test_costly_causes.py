@@ -44,6 +44,20 @@ def test_it_is_tried_in_place_of_a_lone_blur_but_not_of_another_costly_effect(ma
 
 
 @pytest.mark.long
+def test_a_blur_is_tried_in_place_of_a_motion_before_effects_of_many_fields(make_context: MakeContext) -> None:
+    """Beside three other causes. Motions along both axes imitate a blur of the same variance, length² / 12 = sigma²."""
+    others = {"gap": {"gap_error": 1e-4}, "stroke": {"stroke_error": 0.1}, "ambient": {"level": 300.0}}
+    context = make_context({**others, "camera_blur": {"sigma": 1.0}})
+    motion = {"length_y": 12**0.5, "length_x": 12**0.5}
+    start = CandidateFit((*others, "motion_blur"), {**others, "motion_blur": motion}, 0.0)
+    moved = rank_on_held_out(context, [refine_fit(context, start)])
+    found = with_others_in_place(context, moved, [*context.effects.values()])
+    assert found and "source_extent" not in {name for fit in found for name in fit.causes}
+    best = rank_on_held_out(context, [*found, moved.best.fit]).best
+    assert {*best.causes} == {*others, "camera_blur"} and best.chi2_per_pixel < JITTER_CHI2 < moved.best.chi2_per_pixel
+
+
+@pytest.mark.long
 def test_an_extended_source_is_found_beside_a_true_blur(make_context: MakeContext) -> None:
     """Either alone is fitted too large, the best first; beside the blur alone nothing is left for the source."""
     hidden = {"camera_blur": {"sigma": 1.6}, "source_extent": {"radius": 1.8e-3}}
