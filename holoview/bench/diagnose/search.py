@@ -293,6 +293,8 @@ def _with_further_causes(
             if better := samples_that_explain(context, result):
                 return replace(result, better_sampling=better)
             wider = _search_further_causes(context, result, number, effects, progress)
+            if share < MAX_FURTHER_EXCESS_SHARE and number < most and not is_enough(wider):
+                wider = _with_two_of_a_round(context, result, wider)
             if share >= MAX_FURTHER_EXCESS_SHARE or is_enough(wider):  # of causes that wait none is dropped
                 wider = _drop_superfluous_causes(context, wider)
             may_stay = is_enough(wider)
@@ -307,6 +309,19 @@ def _with_further_causes(
             context.best_so_far.note(accepted)
         raise
     return accepted
+
+
+def _with_two_of_a_round(context: SearchContext, base: SearchResult, wider: SearchResult) -> SearchResult:
+    """The candidates, and both causes together where two candidates add one each to the base, and each leaves less."""
+    limit = MAX_FURTHER_EXCESS_SHARE * base.best.excess
+    different = first_per_cause_set(wider.candidates)
+    alone = [c.fit for c in different if c.causes[:-1] == base.best.causes and c.excess < limit]
+    if len(alone) < 2:
+        return wider
+    (first, second), name = alone[:2], alone[1].causes[-1]
+    both = CandidateFit((*first.causes, name), {**first.values, name: second.values[name]}, math.inf)
+    joint = [refine_fit(context, fit) for fit in _joint_fits(context, [both])]
+    return rank_on_held_out(context, [*joint, *(c.fit for c in wider.candidates)])
 
 
 def _share_of(wider: SearchResult, accepted: SearchResult, share: float) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from holoview.light.model.effects.effect import Effect, Parameter, Values
@@ -18,6 +19,11 @@ if TYPE_CHECKING:  # torch takes seconds to import
 WAVEFRONT_TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical
 _NAMES = {4: "defocus", 5: "astigmatism", 7: "coma", 9: "trefoil", 11: "spherical aberration"}
 _DISC_EDGE = 2.0  # exponents above it are a disc in words
+_MOST_WITHIN_PIXELS = 0.05
+"""[rad] By which the light's phase may differ within pixels from that of their middles, r.m.s. over the light, and
+count as even over them. Evidence: measured: at 0.09 to 0.14 images of small benches differ by 0.8 to 1.9 %, at 0.21 by
+5.6 %."""
+_SLOPE_POINTS = 32  # along each axis, at which the slope of the wavefront is looked at
 _MOST_EXPONENT = 40.0  # of light that counts: 4e-18 of the amplitude; smaller numbers slow processors down a lot
 
 
@@ -46,6 +52,7 @@ class BeamProfile(Effect):
     Gaussian beam, larger ones have a steeper edge, up to a disc. E stretches y by e^ellipse and x by its inverse. The
     wavefront W is a sum of Zernike terms over the beam's circle, or over that around the modulator if it is smaller,
     and goes on beyond it. Terms over the beam keep coma apart from the tilt that coma over a wider circle is there.
+    Where it is steep, the light is sampled within pixels.
     """
 
     id = "beam"
@@ -90,19 +97,36 @@ class BeamProfile(Effect):
         return [{"size": size, "edge": edge} for size in (0.8, 1.2, 1.8, 2.6, 4.0) for edge in (1.0, 4.0)]
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        """`v` may hold tensors; the light is differentiable with respect to them."""
+        """`v` may hold tensors; the light is differentiable with respect to them. Each pixel has the light of its
+        middle, unless the wavefront turns the phase within pixels by more than `_MOST_WITHIN_PIXELS`."""
         half_m = context.half_width()
         centre_m = (v["centre_y"] * half_m, v["centre_x"] * half_m)
-        y, x = (place - centre for place, centre in zip(context.positions(transmission), centre_m, strict=True))
-        stretch = (0.0 * y + v["ellipse"]).exp()
-        square = ((y * stretch).square() + (x / stretch).square()) * (v["size"] / half_m) ** 2
-        light = transmission * (-((square + 1e-12) ** v["edge"]).clamp(max=_MOST_EXPONENT)).exp()
         terms = {noll: v[f"z{noll}"] for noll in WAVEFRONT_TERMS if _is_varied(v[f"z{noll}"])}
+        radius_m = 1 / max(v["size"] / half_m, 1 / context.circle_radius())
+        if terms and self._phase_within_pixels(context, v, terms, radius_m) > _MOST_WITHIN_PIXELS:
+            transmission = context.sampled(transmission)
+        light = transmission * _amplitude(context.positions(transmission), v, half_m)
         if not terms:
             return light
-        radius_m = 1 / max(v["size"] / half_m, 1 / context.circle_radius())
         waves = context.zernike(transmission, terms, centre_m, radius_m) / context.wavelength_m
         return light * (2j * math.pi * waves.remainder(1.0)).exp()
+
+    def _phase_within_pixels(
+        self, context: ModulatorContext, v: Values, terms: Mapping[int, Any], radius_m: Any
+    ) -> float:
+        """Deviation of the phase from that of the pixels' middles, rad, r.m.s. over the light: the slope's over √12."""
+        every = max(1, max(context.shape) // _SLOPE_POINTS)
+        rows, columns = (max(2, count // every) for count in context.shape)
+        few = replace(context, shape=(rows, columns), pitch_m=every * context.pitch_m, frame=None, upsample=1)
+        half_m, given = context.half_width(), {name: float(value) for name, value in v.items()}
+        light = _amplitude(few.positions(few.even()), given, half_m).square()
+        centre_m = (given["centre_y"] * half_m, given["centre_x"] * half_m)
+        numbers = {noll: float(size) for noll, size in terms.items()}
+        waves = few.zernike(few.even(), numbers, centre_m, float(radius_m)) / context.wavelength_m
+        phase = 2 * math.pi / every * waves
+        slopes = phase.diff(dim=0)[:, 1:].square() + phase.diff(dim=1)[1:].square()
+        light = light[1:, 1:]
+        return float(((light * slopes).sum() / light.sum().clamp(min=1e-300) / 12) ** 0.5)
 
     def radius_m(self, half_width_m: float, v: Values) -> float:
         """Radius of the beam, m; infinite for even light."""
@@ -123,6 +147,14 @@ class BeamProfile(Effect):
             sizes[name] = math.hypot(sizes.get(name, 0.0), v[f"z{noll}"])
         told = [f"{format_rounded(size, 'nm', 3)} of {name}" for name, size in sizes.items() if size > 1e-9]
         return {"shape": shape, "wavefront": f", with {', '.join(told)}" if told else ""}
+
+
+def _amplitude(places: tuple[Tensor, Tensor], v: Mapping[str, Any], half_m: float) -> Tensor:
+    """Of the light at places y (rows, 1) and x (1, columns), m."""
+    y, x = (place - v[f"centre_{axis}"] * half_m for place, axis in zip(places, "yx", strict=True))
+    stretch = (0.0 * y + v["ellipse"]).exp()
+    square = ((y * stretch).square() + (x / stretch).square()) * (v["size"] / half_m) ** 2
+    return (-((square + 1e-12) ** v["edge"]).clamp(max=_MOST_EXPONENT)).exp()
 
 
 def _is_varied(value: Any) -> bool:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # torch takes seconds to import
     from holoview.light.model.effects.hook_contexts import ModulatorContext
 
 _FARTHEST = 4.5  # standard deviations from an edge, where 10⁻⁶ of its step is left
-_LEAST_WIDTH = 1e-3  # samples, so that steep edges don't divide by zero
+_LEAST_WIDTH = 1e-9  # samples, so that steep edges don't divide by zero
 
 
 class Crosstalk(Effect):

@@ -101,6 +101,10 @@ class ModulatorContext:
         """Row and column of the first pixel, counted in the whole modulator."""
         return first_of_part(self.whole_shape, self.shape, self.centre_m, self.pitch_m)
 
+    def even(self) -> Tensor:
+        """A map (rows, columns) of ones in double precision, on the processor."""
+        return torch.ones(self.shape, dtype=torch.float64)
+
     def sampled(self, values: Tensor) -> Tensor:
         """A map of pixels as a map of samples, each pixel a square of equal ones; a map of samples unchanged."""
         is_sampled = tuple(values.shape) != self.shape
