@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from holoview.light.model.effects.effect import Effect, Parameter, Values
@@ -103,30 +104,17 @@ class BeamProfile(Effect):
         centre_m = (v["centre_y"] * half_m, v["centre_x"] * half_m)
         terms = {noll: v[f"z{noll}"] for noll in WAVEFRONT_TERMS if _is_varied(v[f"z{noll}"])}
         radius_m = 1 / max(v["size"] / half_m, 1 / context.circle_radius())
-        if terms and self._phase_within_pixels(context, v, terms, radius_m) > _MOST_WITHIN_PIXELS:
-            transmission = context.sampled(transmission)
+        if terms:
+            numbers = tuple((name, _number(value)) for name, value in v.items())
+            pixels = replace(context, wavelength_m=0.0, stroke_m=0.0, laser=0, first_shown=None, shown=None)
+            path_m = _path_within_pixels(pixels, numbers, tuple(terms), _number(radius_m))
+            if path_m > _MOST_WITHIN_PIXELS / (2 * math.pi) * context.wavelength_m:
+                transmission = context.sampled(transmission)
         light = transmission * _amplitude(context.positions(transmission), v, half_m)
         if not terms:
             return light
         waves = context.zernike(transmission, terms, centre_m, radius_m) / context.wavelength_m
         return light * (2j * math.pi * waves.remainder(1.0)).exp()
-
-    def _phase_within_pixels(
-        self, context: ModulatorContext, v: Values, terms: Mapping[int, Any], radius_m: Any
-    ) -> float:
-        """Deviation of the phase from that of the pixels' middles, rad, r.m.s. over the light: the slope's over √12."""
-        every = max(1, max(context.shape) // _SLOPE_POINTS)
-        rows, columns = (max(2, count // every) for count in context.shape)
-        few = replace(context, shape=(rows, columns), pitch_m=every * context.pitch_m, frame=None, upsample=1)
-        half_m, given = context.half_width(), {name: float(value) for name, value in v.items()}
-        light = _amplitude(few.positions(few.even()), given, half_m).square()
-        centre_m = (given["centre_y"] * half_m, given["centre_x"] * half_m)
-        numbers = {noll: float(size) for noll, size in terms.items()}
-        waves = few.zernike(few.even(), numbers, centre_m, float(radius_m)) / context.wavelength_m
-        phase = 2 * math.pi / every * waves
-        slopes = phase.diff(dim=0)[:, 1:].square() + phase.diff(dim=1)[1:].square()
-        light = light[1:, 1:]
-        return float(((light * slopes).sum() / light.sum().clamp(min=1e-300) / 12) ** 0.5)
 
     def radius_m(self, half_width_m: float, v: Values) -> float:
         """Radius of the beam, m; infinite for even light."""
@@ -149,12 +137,36 @@ class BeamProfile(Effect):
         return {"shape": shape, "wavefront": f", with {', '.join(told)}" if told else ""}
 
 
+@lru_cache(maxsize=64)
+def _path_within_pixels(
+    pixels: ModulatorContext, numbers: tuple[tuple[str, float], ...], terms: tuple[int, ...], radius_m: float
+) -> float:
+    """Deviation of the wavefront from that of the pixels' middles, m, r.m.s. over the light: its slope's over √12.
+
+    numbers: of the beam. terms: of its wavefront. radius_m: of their circle.
+    """
+    v, half_m = dict(numbers), pixels.half_width()
+    every = max(1, max(pixels.shape) // _SLOPE_POINTS)
+    rows, columns = (max(2, count // every) for count in pixels.shape)
+    few = replace(pixels, shape=(rows, columns), pitch_m=every * pixels.pitch_m, frame=None, upsample=1)
+    light = _amplitude(few.positions(few.even()), v, half_m).square()[1:, 1:]
+    centre_m = (v["centre_y"] * half_m, v["centre_x"] * half_m)
+    path_m = few.zernike(few.even(), {noll: v[f"z{noll}"] for noll in terms}, centre_m, radius_m) / every
+    slopes = path_m.diff(dim=0)[:, 1:].square() + path_m.diff(dim=1)[1:].square()
+    return float(((light * slopes).sum() / light.sum().clamp(min=1e-300) / 12) ** 0.5)
+
+
 def _amplitude(places: tuple[Tensor, Tensor], v: Mapping[str, Any], half_m: float) -> Tensor:
     """Of the light at places y (rows, 1) and x (1, columns), m."""
     y, x = (place - v[f"centre_{axis}"] * half_m for place, axis in zip(places, "yx", strict=True))
     stretch = (0.0 * y + v["ellipse"]).exp()
     square = ((y * stretch).square() + (x / stretch).square()) * (v["size"] / half_m) ** 2
     return (-((square + 1e-12) ** v["edge"]).clamp(max=_MOST_EXPONENT)).exp()
+
+
+def _number(value: Any) -> float:
+    """A number that may be a tensor, without its derivative."""
+    return float(value if isinstance(value, float | int) else value.detach())
 
 
 def _is_varied(value: Any) -> bool:
