@@ -101,18 +101,17 @@ class BeamProfile(Effect):
         """`v` may hold tensors; the light is differentiable with respect to them. Each pixel has the light of its
         middle, unless the wavefront turns the phase within pixels by more than `_MOST_WITHIN_PIXELS`."""
         half_m = context.half_width()
-        centre_m = (v["centre_y"] * half_m, v["centre_x"] * half_m)
         terms = {noll: v[f"z{noll}"] for noll in WAVEFRONT_TERMS if _is_varied(v[f"z{noll}"])}
-        radius_m = 1 / max(v["size"] / half_m, 1 / context.circle_radius())
-        if terms:
-            numbers = tuple((name, _number(value)) for name, value in v.items())
-            pixels = replace(context, wavelength_m=0.0, stroke_m=0.0, laser=0, first_shown=None, shown=None)
-            path_m = _path_within_pixels(pixels, numbers, tuple(terms), _number(radius_m))
-            if path_m > _MOST_WITHIN_PIXELS / (2 * math.pi) * context.wavelength_m:
-                transmission = context.sampled(transmission)
-        light = transmission * _amplitude(context.positions(transmission), v, half_m)
         if not terms:
-            return light
+            return transmission * _amplitude(context.positions(transmission), v, half_m)
+        centre_m = (v["centre_y"] * half_m, v["centre_x"] * half_m)
+        radius_m = 1 / max(v["size"] / half_m, 1 / context.circle_radius())
+        numbers = tuple((name, _number(value)) for name, value in v.items())
+        pixels = replace(context, wavelength_m=0.0, stroke_m=0.0, laser=0, first_shown=None, shown=None)
+        path_m = _path_within_pixels(pixels, numbers, tuple(terms), _number(radius_m))
+        if path_m > _MOST_WITHIN_PIXELS / (2 * math.pi) * context.wavelength_m:
+            transmission = context.sampled(transmission)
+        light = transmission * _amplitude(context.positions(transmission), v, half_m)
         waves = context.zernike(transmission, terms, centre_m, radius_m) / context.wavelength_m
         return light * (2j * math.pi * waves.remainder(1.0)).exp()
 
