@@ -59,7 +59,7 @@ LIGHT = Policy(Beside.AFFORDABLE, Until.EXPLAINED, Refit.OF_ALL_NUMBERS, more=3,
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", explored([5, 6, 7, 8], 1))
+@pytest.mark.parametrize("seed", explored([6, 8], 1))
 def test_two_further_causes_of_which_neither_takes_enough_are_named(seed: int) -> None:
     """Beside a gap: a blur and stray light, of which the one alone leaves 0.3 to 0.8 of the excess of the gap alone."""
     beside = {"camera_blur": {"sigma": 0.8}, "ambient": {"level": 2000.0}}
