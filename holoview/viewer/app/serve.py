@@ -415,7 +415,7 @@ _REQUEST_S = 10.0
 _PING_S = 20.0
 _LARGEST_MESSAGE = 1 << 18  # bytes of an event, such as text that is pasted
 _SPARE_CONNECTIONS = 32  # of requests for pages and scripts, beside those of the clients
-_LAST_S = 1.5  # that a client has at the end of the server to read what it was sent; a busy one took over 0.5
+_LAST_S = 1.5  # that a client has at the end of the server to read what it was sent; also one on a busy machine
 _SHUTDOWN_S = 2  # after which the server ends whatever still goes on, such as a handshake of TLS
 
 
