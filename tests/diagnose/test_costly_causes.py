@@ -13,7 +13,7 @@ from holoview.bench.diagnose.refine import refine_fit
 from holoview.bench.diagnose.search import shared_with_costly, with_others_in_place
 from holoview.bench.diagnose.search_context import SearchContext
 from holoview.light.model.effects.registry import listed_effects
-from tests.diagnose.conftest import MakeContext
+from tests.diagnose.conftest import NOISE_CHI2, MakeContext
 
 
 @pytest.mark.long
@@ -54,7 +54,7 @@ def test_a_blur_is_tried_in_place_of_a_motion_before_effects_of_many_fields(make
     found = with_others_in_place(context, moved, [*context.effects.values()])
     assert found and "source_extent" not in {name for fit in found for name in fit.causes}
     best = rank_on_held_out(context, [*found, moved.best.fit]).best
-    assert {*best.causes} == {*others, "camera_blur"} and best.chi2_per_pixel < JITTER_CHI2 < moved.best.chi2_per_pixel
+    assert {*best.causes} == {*others, "camera_blur"} and best.chi2_per_pixel < NOISE_CHI2 < moved.best.chi2_per_pixel
 
 
 @pytest.mark.long
